@@ -1,0 +1,1 @@
+"""One file an autopilot family, the same members in each."""

@@ -1,0 +1,1 @@
+"""Rules that choose targets, all behind one interface: `base.Allocator`."""

@@ -1,0 +1,61 @@
+"""The `gatar` command: loads a subcommand only when it is called, and turns our errors into one line and exit code 2."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+import click
+
+from gatar_edge import __version__
+from gatar_edge.errors import GatarError
+
+COMMANDS = {
+    "sim": "fly a seeded mission with simulated autopilots",
+    "vehicle": "run the inference daemon of one vehicle",
+    "dataset": "make training data with a teacher",
+    "train": "train a network",
+    "eval": "compare allocators with the paper and with each other",
+    "export": "turn a trained network into one ONNX file",
+    "verify": "prove that an ONNX file equals its network",
+    "log": "review a mission log",
+}
+
+
+class LazyGroup(click.Group):
+    """Lists all commands without importing any of them."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        module = importlib.import_module(f"gatar_edge.commands.{cmd_name}")
+        command: click.Command = module.command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(__version__, prog_name="gatar")
+def gatar() -> None:
+    """Decentralized task allocation for teams of UAVs and UGVs.
+
+    \b
+    Example:
+      gatar sim --team 3A3G --targets 24 --size 15 --seed 1 --log mission.mcap
+      gatar log report mission.mcap
+    """
+
+
+def main() -> None:
+    """Run `gatar`; errors of ours end as one line and exit code 2."""
+    try:
+        gatar(prog_name="gatar")
+    except GatarError as error:
+        click.echo(f"gatar: {error}", err=True)
+        sys.exit(2)

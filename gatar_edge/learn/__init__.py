@@ -1,0 +1,1 @@
+"""Training: the only package besides export that may import torch."""

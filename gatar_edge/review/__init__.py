@@ -1,0 +1,1 @@
+"""Reading, explaining and showing logs."""

@@ -1,0 +1,1 @@
+"""Ways for neighbour messages to travel, all behind one protocol class."""

@@ -1,0 +1,1 @@
+"""Fleet simulator in pure Python: world, vehicles, autopilots, radio."""
