@@ -1,0 +1,46 @@
+"""The one interface behind which learned and classical rules stand, with exactly the same input."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from gatar_edge.types import Floats
+from gatar_edge.view import View
+
+NO_TARGET = -1
+Choices = npt.NDArray[np.int32]
+
+
+@dataclass(frozen=True, slots=True)
+class Allocation:
+    """What an allocator proposes for every robot of a view; ego is row 0."""
+
+    choices: Choices  # [N], index into view.targets or NO_TARGET
+    scores: Floats  # [N, M], higher is better, -inf where impossible
+    xy: tuple[float, float] | None = None  # the paper's output for ego, in cells
+    attention: tuple[float, ...] = ()  # of ego over the robots of the graph
+
+
+class Allocator(Protocol):
+    """A rule that assigns known targets to the robots of one view."""
+
+    @property
+    def name(self) -> str:
+        """As given to --allocator."""
+
+    def allocate(self, view: View) -> Allocation:
+        """Propose a target for every robot of the view. Must be deterministic."""
+
+
+def scores_of(times: npt.NDArray[np.float64]) -> Floats:
+    """Scores of a rule that goes by travel time [N, M]: sooner is better."""
+    return (-times).astype(np.float32)
+
+
+def in_id_order(view: View) -> npt.NDArray[np.int64]:
+    """Rows of the view sorted by robot id: every robot of a graph breaks ties in this order."""
+    return np.argsort([robot.robot_id for robot in view.robots], kind="stable")

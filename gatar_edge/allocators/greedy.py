@@ -1,0 +1,41 @@
+"""The paper's expert: over all pairs of robot and known target, the shortest way first; remove both; repeat."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from gatar_edge.allocators.base import NO_TARGET, Allocation, Choices, in_id_order, scores_of
+from gatar_edge.view import View, travel_times
+
+
+def greedy_pairs(times: npt.NDArray[np.float64]) -> Choices:
+    """Shortest time first over `times` [N, M] (inf: impossible); ties by row, then column: int32 [N]."""
+    robots, targets = times.shape
+    choices = np.full(robots, NO_TARGET, dtype=np.int32)
+    taken = np.zeros(targets, dtype=np.bool_)
+    left = min(robots, targets)
+    for pair in np.argsort(times, axis=None, kind="stable"):
+        robot, target = divmod(int(pair), targets)
+        if left == 0 or not np.isfinite(times[robot, target]):
+            break
+        if choices[robot] == NO_TARGET and not taken[target]:
+            choices[robot] = target
+            taken[target] = True
+            left -= 1
+    return choices
+
+
+class Greedy:
+    """Each robot replays the centralized greedy expert on its own view; unreachable pairs are left out."""
+
+    name = "greedy"
+
+    def allocate(self, view: View) -> Allocation:
+        """See `allocators.base.Allocator`."""
+        times = travel_times(view)
+        order = in_id_order(view)
+        choices = np.full(len(view.robots), NO_TARGET, dtype=np.int32)
+        if times.shape[1]:
+            choices[order] = greedy_pairs(times[order])
+        return Allocation(choices, scores_of(times))

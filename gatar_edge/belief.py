@@ -1,0 +1,97 @@
+"""What one robot knows of the world: a grid of `CellState`, from its own eyes and its neighbours' messages.
+
+Pure functions over read-only arrays: each returns a new belief. Knowledge only grows (`CellState` is ordered by
+precedence), but for own eyes, which may correct what was heard.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gatar_edge.types import BoolGrid, ByteGrid, Cell, Cells, CellState, GridSpec, Observation
+
+WINDOW = 15  # cells a side of what one message carries
+
+
+def nothing_known(grid: GridSpec) -> ByteGrid:
+    """A belief without any knowledge: uint8 [W, H]."""
+    return _frozen(np.zeros((grid.width, grid.height), dtype=np.uint8))
+
+
+def observed(belief: ByteGrid, observation: Observation) -> ByteGrid:
+    """The belief after an own observation. A target under the robot is localized by its visit."""
+    seen, obstacles, targets = (
+        _inside(cells, belief.shape) for cells in (observation.seen, observation.obstacles, observation.targets)
+    )
+    new = belief.copy()
+    new[seen[:, 0], seen[:, 1]] = CellState.FREE
+    new[obstacles[:, 0], obstacles[:, 1]] = CellState.OBSTACLE
+    new[targets[:, 0], targets[:, 1]] = CellState.TARGET
+    # a target in view keeps looking like one after somebody's visit: only the memory of the visit tells
+    new[belief == CellState.LOCALIZED] = CellState.LOCALIZED
+    x, y = observation.cell
+    if 0 <= x < new.shape[0] and 0 <= y < new.shape[1] and new[x, y] == CellState.TARGET:
+        new[x, y] = CellState.LOCALIZED
+    return _frozen(new)
+
+
+def merged(belief: ByteGrid, origin: Cell, window: ByteGrid) -> ByteGrid:
+    """The belief after hearing `window` [w, h] of states, whose cell [0, 0] is `origin`. Parts outside are ignored."""
+    x0, y0 = max(0, origin[0]), max(0, origin[1])
+    x1 = min(belief.shape[0], origin[0] + window.shape[0])
+    y1 = min(belief.shape[1], origin[1] + window.shape[1])
+    if x0 >= x1 or y0 >= y1:
+        return belief
+    heard = window[x0 - origin[0] : x1 - origin[0], y0 - origin[1] : y1 - origin[1]]
+    if (heard <= belief[x0:x1, y0:y1]).all():
+        return belief
+    new = belief.copy()
+    np.maximum(new[x0:x1, y0:y1], heard, out=new[x0:x1, y0:y1])
+    return _frozen(new)
+
+
+def window_at(belief: ByteGrid, origin: Cell) -> ByteGrid:
+    """The `WINDOW` x `WINDOW` cells of the belief from `origin` on; unknown outside the grid."""
+    window = np.zeros((WINDOW, WINDOW), dtype=np.uint8)
+    x0, y0 = max(0, origin[0]), max(0, origin[1])
+    part = belief[x0 : origin[0] + WINDOW, y0 : origin[1] + WINDOW]
+    window[x0 - origin[0] : x0 - origin[0] + part.shape[0], y0 - origin[1] : y0 - origin[1] + part.shape[1]] = part
+    return _frozen(window)
+
+
+def window_origin(belief: ByteGrid, cell: Cell, sequence: int) -> Cell:
+    """Which window to broadcast: turn about, the one round the robot and one of the others in which something is known.
+
+    The window stays inside the grid, so that in a world of 15 x 15 every message carries all that the robot knows.
+    """
+    limit = (max(0, belief.shape[0] - WINDOW), max(0, belief.shape[1] - WINDOW))
+    around = (min(max(cell[0] - WINDOW // 2, 0), limit[0]), min(max(cell[1] - WINDOW // 2, 0), limit[1]))
+    if limit == (0, 0) or sequence % 2 == 0:
+        return around
+    origins = [
+        (min(x, limit[0]), min(y, limit[1]))
+        for x in range(0, belief.shape[0], WINDOW)
+        for y in range(0, belief.shape[1], WINDOW)
+    ]
+    known = [o for o in origins if belief[o[0] : o[0] + WINDOW, o[1] : o[1] + WINDOW].any()]
+    return known[sequence // 2 % len(known)] if known else around
+
+
+def known_targets(belief: ByteGrid) -> Cells:
+    """Targets seen and not yet localized: int16 [m, 2], sorted by x, then y."""
+    return np.argwhere(belief == CellState.TARGET).astype(np.int16)
+
+
+def unknown(belief: ByteGrid) -> BoolGrid:
+    """Cells that nobody has told of: bool [W, H]."""
+    return belief == CellState.UNKNOWN
+
+
+def _inside(cells: Cells, shape: tuple[int, ...]) -> Cells:
+    keep = (cells[:, 0] >= 0) & (cells[:, 0] < shape[0]) & (cells[:, 1] >= 0) & (cells[:, 1] < shape[1])
+    return cells if keep.all() else cells[keep]
+
+
+def _frozen(array: ByteGrid) -> ByteGrid:
+    array.flags.writeable = False
+    return array

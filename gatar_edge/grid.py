@@ -1,0 +1,101 @@
+"""Geometry on the grid: what can be seen from a cell, how long the way is, and the way itself.
+
+All motion is 4-connected. A robot plans with what it knows: unknown cells count as free until they are seen.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import tcod.constants
+import tcod.map
+import tcod.path
+
+from gatar_edge.types import BoolGrid, ByteGrid, Cell, Cells, CellState, IntGrid, RobotKind
+
+UNREACHABLE = -1
+_TCOD_UNREACHABLE = np.iinfo(np.int32).max
+
+
+def as_cells(mask: BoolGrid) -> Cells:
+    """Cells where `mask` [W, H] is true, int16 [n, 2], sorted by x, then y: the order by which ties are broken."""
+    return np.argwhere(mask).astype(np.int16)
+
+
+def passable(kind: RobotKind, belief: ByteGrid) -> BoolGrid:
+    """Where a robot may go, as far as is known: bool [W, H]. Obstacles stop only ground robots."""
+    if kind is RobotKind.UAV:
+        return np.ones(belief.shape, dtype=np.bool_)
+    return belief != CellState.OBSTACLE
+
+
+def path_lengths(kind: RobotKind, cell: Cell, free: BoolGrid) -> IntGrid:
+    """Steps from `cell` to every cell: int32 [W, H], `UNREACHABLE` (-1) where there is no way."""
+    if kind is RobotKind.UAV:
+        return manhattan(cell, free.shape)
+    distance = np.full(free.shape, _TCOD_UNREACHABLE, dtype=np.int32)
+    distance[cell] = 0
+    cost = free.astype(np.int8)
+    cost[cell] = 1  # a robot whose own cell is believed blocked can still leave it
+    tcod.path.dijkstra2d(distance, cost, 1, None, out=distance)
+    distance[distance == _TCOD_UNREACHABLE] = UNREACHABLE
+    return distance
+
+
+def manhattan(cell: Cell, shape: tuple[int, ...]) -> IntGrid:
+    """4-connected distance with nothing in the way: int32 [W, H]."""
+    x = np.abs(np.arange(shape[0], dtype=np.int32) - cell[0])
+    y = np.abs(np.arange(shape[1], dtype=np.int32) - cell[1])
+    return x[:, None] + y[None, :]
+
+
+def path_to(goal: Cell, lengths: IntGrid) -> tuple[Cell, ...]:
+    """The shortest path that `lengths` (from `path_lengths`) holds: cells from the start to `goal`, both included.
+
+    Walks downhill from the goal; prefers to go straight on, so that a path has few corners. Empty where there is no way.
+    """
+    if lengths[goal] == UNREACHABLE:
+        return ()
+    cell, step = goal, (0, 0)
+    path = [cell]
+    for left in range(int(lengths[goal]) - 1, -1, -1):
+        steps = [step, (1, 0), (-1, 0), (0, 1), (0, -1)] if step != (0, 0) else _first_steps(lengths, goal)
+        for dx, dy in steps:
+            x, y = cell[0] + dx, cell[1] + dy
+            if 0 <= x < lengths.shape[0] and 0 <= y < lengths.shape[1] and lengths[x, y] == left:
+                cell, step = (x, y), (dx, dy)
+                break
+        path.append(cell)
+    return tuple(reversed(path))
+
+
+def _first_steps(lengths: IntGrid, goal: Cell) -> list[tuple[int, int]]:
+    """Leave the goal along the longer axis towards the start first."""
+    start = np.argwhere(lengths == 0)[0]
+    dx, dy = int(start[0]) - goal[0], int(start[1]) - goal[1]
+    along_x = [(1, 0), (-1, 0)] if dx >= 0 else [(-1, 0), (1, 0)]
+    along_y = [(0, 1), (0, -1)] if dy >= 0 else [(0, -1), (0, 1)]
+    return along_x + along_y if abs(dx) >= abs(dy) else along_y + along_x
+
+
+def field_of_view(kind: RobotKind, cell: Cell, obstacles: BoolGrid, r_sense: float) -> BoolGrid:
+    """Cells that a robot sees from `cell`: bool [W, H], a disc of radius `r_sense` cells.
+
+    Obstacles hide what is behind them from a UGV (symmetric shadow-casting: if A sees B, B sees A), not from a UAV.
+    """
+    dx = np.arange(obstacles.shape[0]) - cell[0]
+    dy = np.arange(obstacles.shape[1]) - cell[1]
+    disc: BoolGrid = (dx * dx)[:, None] + (dy * dy)[None, :] <= r_sense * r_sense
+    if kind is RobotKind.UAV:
+        return disc
+    reach = int(r_sense)
+    x0, y0 = max(0, cell[0] - reach), max(0, cell[1] - reach)
+    around = np.s_[x0 : cell[0] + reach + 1, y0 : cell[1] + reach + 1]
+    seen = np.zeros(obstacles.shape, dtype=np.bool_)
+    seen[around] = tcod.map.compute_fov(
+        ~obstacles[around],
+        (cell[0] - x0, cell[1] - y0),
+        radius=0,
+        light_walls=True,
+        algorithm=tcod.constants.FOV_SYMMETRIC_SHADOWCAST,
+    )
+    return seen & disc

@@ -1,0 +1,73 @@
+"""One robot's picture at the moment of a decision: its K-hop graph, the targets it knows, and how far everybody has to go.
+
+Built from the own belief and the neighbours' messages alone. Ego stands first, the rest by id: the order of robots
+changes float sums, and every robot of a graph must break ties alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from gatar_edge.belief import known_targets
+from gatar_edge.grid import UNREACHABLE, passable, path_lengths
+from gatar_edge.types import ByteGrid, Cells, IntGrid, RobotState
+
+Hops = npt.NDArray[np.int8]
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """Input of every allocator."""
+
+    now_ns: int
+    robots: tuple[RobotState, ...]  # N robots, ego first, the rest sorted by id
+    hops: Hops  # [N, N]: 0 itself, 1 neighbour, ... hop_limit; -1 farther
+    belief: ByteGrid  # [W, H]
+    targets: Cells  # [M, 2], known and not localized, sorted by x, then y
+    distances: IntGrid  # [N, W, H], steps from each robot to each cell, -1 unreachable
+    lengths: IntGrid  # [N, M], `distances` at the targets
+
+
+def build_view(
+    now_ns: int,
+    ego: RobotState,
+    others: Sequence[RobotState],
+    belief: ByteGrid,
+    r_comm: float,
+    hop_limit: int,
+    most: int,
+) -> View:
+    """The view of `ego`, with at most `most` targets: the nearest to ego where more are known."""
+    robots = (ego, *sorted(others, key=lambda robot: robot.robot_id))
+    distances = np.stack([path_lengths(robot.kind, robot.cell, passable(robot.kind, belief)) for robot in robots])
+    targets = known_targets(belief)
+    if len(targets) > most:
+        way = distances[0, targets[:, 0], targets[:, 1]]
+        nearest = np.argsort(np.where(way == UNREACHABLE, np.iinfo(np.int32).max, way), kind="stable")[:most]
+        targets = targets[np.sort(nearest)]
+    lengths = distances[:, targets[:, 0], targets[:, 1]]
+    return View(now_ns, robots, hop_counts(robots, r_comm, hop_limit), belief, targets, distances, lengths)
+
+
+def hop_counts(robots: Sequence[RobotState], r_comm: float, hop_limit: int) -> Hops:
+    """Hops between robots in the radius graph (eq. 4 of the paper: within `r_comm` cells, Euclidean): int8 [N, N]."""
+    cells = np.array([robot.cell for robot in robots], dtype=np.float64)
+    gap = cells[:, None, :] - cells[None, :, :]
+    near = (gap**2).sum(axis=-1) <= r_comm * r_comm
+    hops = np.where(near, 1, -1).astype(np.int8)
+    np.fill_diagonal(hops, 0)
+    reached = near
+    for hop in range(2, hop_limit + 1):
+        reached = (reached.astype(np.int32) @ near.astype(np.int32)) > 0
+        hops[reached & (hops < 0)] = hop
+    return hops
+
+
+def travel_times(view: View) -> npt.NDArray[np.float64]:
+    """Seconds from each robot to each target: float64 [N, M], inf where unreachable."""
+    speeds = np.array([robot.speed_cells_s for robot in view.robots])
+    return np.where(view.lengths == UNREACHABLE, np.inf, view.lengths / speeds[:, None])
