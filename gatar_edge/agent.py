@@ -1,0 +1,223 @@
+"""One robot's mind: what came in since the last tick -> what goes out. The daemon, the simulator and the replay run this.
+
+No sockets, no clock, no randomness: time and inputs are handed in, so that the same inputs give the same decisions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gatar_edge.allocators.base import Allocation, Allocator
+from gatar_edge.allocators.greedy import Greedy
+from gatar_edge.belief import merged, nothing_known, observed, window_at, window_origin
+from gatar_edge.config import AgentConfig
+from gatar_edge.errors import GatarError
+from gatar_edge.message import NeighborMessage, encode
+from gatar_edge.neighbors import Heard, NeighborTable
+from gatar_edge.tasks import Rules, Task, decide, to_command
+from gatar_edge.types import (
+    NS_PER_S,
+    Assignment,
+    ByteGrid,
+    Candidate,
+    CellState,
+    Decision,
+    Observation,
+    Reason,
+    RobotKind,
+    RobotState,
+    TaskKind,
+    VehicleCommand,
+)
+from gatar_edge.view import View, build_view
+
+
+@dataclass(frozen=True, slots=True)
+class Inbox:
+    """What reached the robot since its last tick."""
+
+    observation: Observation | None = None
+    datagrams: tuple[bytes, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Outbox:
+    """What one tick gives: the decision, what the vehicle is to do, and what goes on the air."""
+
+    decision: Decision
+    command: VehicleCommand
+    message: bytes
+    relays: tuple[bytes, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Who this robot is."""
+
+    robot_id: int
+    kind: RobotKind
+    speed_cells_s: float
+
+
+class Agent:
+    """Belief, neighbours, allocation and task of one robot."""
+
+    def __init__(
+        self, identity: Identity, config: AgentConfig, allocator: Allocator, key: bytes, first_seq: int = 1
+    ) -> None:
+        self.identity = identity
+        self.config = config
+        self.allocator = allocator
+        self.belief: ByteGrid = nothing_known(config.grid)
+        self.task = Task()
+        self.neighbors = NeighborTable(
+            robot_id=identity.robot_id,
+            key=key,
+            config_digest=config.digest(),
+            hop_limit=config.hop_limit,
+            max_age_ns=int(config.max_age_s * NS_PER_S),
+            max_neighbors=config.max_neighbors,
+        )
+        self._key = key
+        self._digest = config.digest()
+        self._seq = first_seq
+        self._tick = 0
+        self._fallback = Greedy()
+        self._observation: Observation | None = None
+
+    @property
+    def next_seq(self) -> int:
+        """Sequence number of the next message: what a restarted robot must go on from."""
+        return self._seq
+
+    def tick(self, now_ns: int, inbox: Inbox) -> Outbox:
+        """Take in what came, decide, and compose the message that tells the neighbours."""
+        if inbox.observation is not None:
+            self.observe(inbox.observation)
+        relays = tuple(relay for data in inbox.datagrams if (relay := self.hear(data, now_ns).relay) is not None)
+        decision = self.decide(now_ns)
+        return Outbox(decision, to_command(self.identity.kind, decision.assignment), self.beacon(now_ns), relays)
+
+    def observe(self, observation: Observation) -> None:
+        """Take in what the robot sees."""
+        self._observation = observation
+        self.belief = observed(self.belief, observation)
+
+    def hear(self, datagram: bytes, now_ns: int) -> Heard:
+        """Take in bytes from the radio. Never raises for what a neighbour sent; the answer may hold a relay to send on."""
+        heard = self.neighbors.hear(datagram, now_ns)
+        if heard.message is not None:
+            self.belief = merged(self.belief, heard.message.window_origin, heard.message.window)
+        return heard
+
+    def beacon(self, now_ns: int) -> bytes:
+        """The message of this moment: where the robot is, what it is doing, and what it knows."""
+        observation = self._observation
+        cell = observation.cell if observation is not None else (-1, -1)
+        origin = window_origin(self.belief, cell, self._seq)
+        message = NeighborMessage(
+            robot_id=self.identity.robot_id,
+            kind=self.identity.kind,
+            seq=self._seq,
+            t_ms=now_ns // 1_000_000,
+            cell=cell,
+            speed_cells_s=self.identity.speed_cells_s,
+            task=self.task.kind,
+            task_cell=self.task.cell,
+            cost=float(max(0, len(self.task.path) - 1)),
+            window_origin=origin,
+            window=window_at(self.belief, origin),
+            hops=0,
+            config_digest=self._digest,
+        )
+        self._seq += 1
+        return encode(message, self._key)
+
+    def decide(self, now_ns: int) -> Decision:
+        """Choose what to do with what is known now."""
+        self._tick += 1
+        observation = self._observation
+        if observation is None or now_ns - observation.t_ns > self.config.perception_max_age_s * NS_PER_S:
+            return self._blind(now_ns)
+        view = self.view(now_ns, observation)
+        allocation, name, fallback = self._allocate(view)
+        assignment = decide(view, allocation, self.task, Rules(self.config.keep_task, self.config.r_sense))
+        retask = self._gives_up(assignment)
+        self.task = Task(assignment.kind, assignment.cell, assignment.path)
+        return Decision(
+            robot_id=self.identity.robot_id,
+            tick=self._tick,
+            t_ns=now_ns,
+            cell=observation.cell,
+            assignment=assignment,
+            allocator=name,
+            fallback=fallback,
+            retask=retask,
+            robots=view.robots,
+            hops=tuple(int(hop) for hop in view.hops[0]),
+            candidates=_candidates(view, allocation),
+            choices=tuple(int(choice) for choice in allocation.choices),
+            attention=allocation.attention,
+        )
+
+    def view(self, now_ns: int, observation: Observation) -> View:
+        """What the decision is made on."""
+        identity, config = self.identity, self.config
+        ego = RobotState(
+            identity.robot_id, identity.kind, observation.cell, identity.speed_cells_s, self.task.kind, self.task.cell
+        )
+        others = [
+            RobotState(m.robot_id, m.kind, m.cell, m.speed_cells_s, m.task, m.task_cell, neighbor.age_ns(now_ns))
+            for neighbor in self.neighbors.fresh(now_ns, observation.cell)
+            if self._on_grid(m := neighbor.message)
+        ]
+        return build_view(now_ns, ego, others, self.belief, config.r_comm, config.hop_limit, config.max_candidates)
+
+    def _on_grid(self, message: NeighborMessage) -> bool:
+        """A neighbour that does not know its place yet, or claims to be elsewhere, takes no part in the allocation."""
+        x, y = message.cell
+        return 0 <= x < self.config.grid.width and 0 <= y < self.config.grid.height and message.speed_cells_s > 0
+
+    def _allocate(self, view: View) -> tuple[Allocation, str, str]:
+        """The configured allocator's proposal, or the fallback's with the reason why."""
+        try:
+            allocation = self.allocator.allocate(view)
+        except (GatarError, ArithmeticError, ValueError, RuntimeError, IndexError, TypeError) as error:
+            return self._fallback.allocate(view), self._fallback.name, f"{type(error).__name__}: {error}"[:200]
+        if np.isnan(allocation.scores).any() or len(allocation.choices) != len(view.robots):
+            return self._fallback.allocate(view), self._fallback.name, "scores are not finite"
+        return allocation, self.allocator.name, ""
+
+    def _gives_up(self, assignment: Assignment) -> bool:
+        """A target left before it was reached, for anything else."""
+        if self.task.kind is not TaskKind.TARGET or assignment.cell == self.task.cell:
+            return False
+        return bool(self.belief[self.task.cell] == CellState.TARGET)
+
+    def _blind(self, now_ns: int) -> Decision:
+        """Without fresh perception the robot stands still and says so."""
+        cell = self._observation.cell if self._observation is not None else (-1, -1)
+        self.task = Task()
+        return Decision(
+            robot_id=self.identity.robot_id,
+            tick=self._tick,
+            t_ns=now_ns,
+            cell=cell,
+            assignment=Assignment(TaskKind.HOLD, cell, Reason.NO_PERCEPTION),
+            allocator=self.allocator.name,
+            fallback="",
+            retask=False,
+            robots=(),
+            hops=(),
+            candidates=(),
+            choices=(),
+        )
+
+
+def _candidates(view: View, allocation: Allocation) -> tuple[Candidate, ...]:
+    return tuple(
+        Candidate((int(x), int(y)), int(length), float(score))
+        for (x, y), length, score in zip(view.targets, view.lengths[0], allocation.scores[0], strict=True)
+    )

@@ -1,0 +1,113 @@
+"""From what an allocator proposes to what the robot does: the second stage of the paper's two, with its task keeping.
+
+The allocator proposes, this decides. A task is kept until it is reached, vanishes, becomes unreachable, or a neighbour
+with a shorter way claims it; then the robot takes what the allocator gives it, explores where that is nothing, and
+holds where nothing is left to see.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from gatar_edge.allocators.base import NO_TARGET, Allocation
+from gatar_edge.explore import frontier_for_ego
+from gatar_edge.grid import UNREACHABLE, passable, path_to
+from gatar_edge.types import Assignment, Cell, Goto, Hold, Mission, Reason, RobotKind, TaskKind, VehicleCommand
+from gatar_edge.view import View, travel_times
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What the robot is doing, and the path on which it is doing it."""
+
+    kind: TaskKind = TaskKind.HOLD
+    cell: Cell = (-1, -1)
+    path: tuple[Cell, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """How readily a robot changes its mind."""
+
+    keep: bool = True
+    r_sense: float = 4.0
+
+
+def decide(view: View, allocation: Allocation, task: Task, rules: Rules) -> Assignment:
+    """What ego (row 0 of the view) does now."""
+    taken = contested(view)
+    if rules.keep and task.kind is TaskKind.TARGET:
+        index = _index_of(view, task.cell)
+        if index != NO_TARGET and view.lengths[0, index] != UNREACHABLE and not taken[index]:
+            return _assign(view, TaskKind.TARGET, task.cell, Reason.KEPT, task, allocation)
+    index = proposed(view, allocation, taken)
+    if index != NO_TARGET:
+        cell = _cell(view, index)
+        reason = Reason.KEPT if task.kind is TaskKind.TARGET and task.cell == cell else Reason.ALLOCATED
+        return _assign(view, TaskKind.TARGET, cell, reason, task, allocation)
+    frontier = frontier_for_ego(view, allocation.choices, rules.r_sense)
+    if frontier is None:
+        return Assignment(TaskKind.HOLD, view.robots[0].cell, Reason.NOTHING_LEFT, (), allocation.xy)
+    return _assign(view, TaskKind.EXPLORE, frontier, Reason.FRONTIER, task, allocation)
+
+
+def contested(view: View) -> npt.NDArray[np.bool_]:
+    """Targets that another robot of the view is on its way to, and nearer (ties by id): bool [M]."""
+    times = travel_times(view)
+    taken = np.zeros(len(view.targets), dtype=np.bool_)
+    ego = view.robots[0]
+    for row, robot in enumerate(view.robots[1:], start=1):
+        index = _index_of(view, robot.task_cell) if robot.task is TaskKind.TARGET else NO_TARGET
+        if index != NO_TARGET and (times[row, index], robot.robot_id) < (times[0, index], ego.robot_id):
+            taken[index] = True
+    return taken
+
+
+def proposed(view: View, allocation: Allocation, taken: npt.NDArray[np.bool_]) -> int:
+    """The allocator's choice for ego; where that is contested, ego's best-scored target that nobody else gets."""
+    choice = int(allocation.choices[0])
+    if choice == NO_TARGET or (not taken[choice] and view.lengths[0, choice] != UNREACHABLE):
+        return choice
+    open_to_ego = ~taken & (view.lengths[0] != UNREACHABLE)
+    others = allocation.choices[1:]
+    open_to_ego[others[others != NO_TARGET]] = False
+    if not open_to_ego.any():
+        return NO_TARGET
+    return int(np.where(open_to_ego, allocation.scores[0], -np.inf).argmax())
+
+
+def to_command(kind: RobotKind, assignment: Assignment) -> VehicleCommand:
+    """What the vehicle is told: a UAV flies straight there, a UGV drives along the path."""
+    if assignment.kind is TaskKind.HOLD:
+        return Hold(assignment.reason.value)
+    return Goto(assignment.cell) if kind is RobotKind.UAV else Mission(assignment.path)
+
+
+def _assign(view: View, kind: TaskKind, cell: Cell, reason: Reason, task: Task, allocation: Allocation) -> Assignment:
+    path = task.path if _still_good(view, cell, task) else path_to(cell, view.distances[0])
+    return Assignment(kind, cell, reason, path, allocation.xy)
+
+
+def _still_good(view: View, goal: Cell, task: Task) -> bool:
+    """The old path leads there, the robot is on it, nothing has turned up on it, and there is no shorter one now.
+
+    A path that stays the same needs no new mission on board.
+    """
+    here = view.robots[0].cell
+    if task.cell != goal or here not in task.path:
+        return False
+    ahead = task.path[task.path.index(here) :]
+    free = passable(view.robots[0].kind, view.belief)
+    return len(ahead) - 1 <= view.distances[0][goal] and all(free[cell] for cell in ahead)
+
+
+def _index_of(view: View, cell: Cell) -> int:
+    found = np.flatnonzero((view.targets == cell).all(axis=1)) if len(view.targets) else ()
+    return int(found[0]) if len(found) else NO_TARGET
+
+
+def _cell(view: View, index: int) -> Cell:
+    return int(view.targets[index, 0]), int(view.targets[index, 1])
