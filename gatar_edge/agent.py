@@ -1,6 +1,6 @@
-"""One robot's mind: what came in since the last tick -> what goes out. The daemon, the simulator and the replay run this.
+"""One robot's mind: what came in since the last tick -> what goes out.
 
-No sockets, no clock, no randomness: time and inputs are handed in, so that the same inputs give the same decisions.
+The daemon, the simulator and the replay run this. No sockets, no clock, no randomness: time and inputs are handed in, so that the same inputs give the same decisions.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ class Agent:
         self.belief = observed(self.belief, observation)
 
     def hear(self, datagram: bytes, now_ns: int) -> Heard:
-        """Take in bytes from the radio. Never raises for what a neighbour sent; the answer may hold a relay to send on."""
+        """Take in bytes from the radio; the answer may hold a relay to send on. Never raises for what was sent."""
         heard = self.neighbors.hear(datagram, now_ns)
         if heard.message is not None:
             self.belief = merged(self.belief, heard.message.window_origin, heard.message.window)

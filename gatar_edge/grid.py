@@ -51,7 +51,7 @@ def manhattan(cell: Cell, shape: tuple[int, ...]) -> IntGrid:
 def path_to(goal: Cell, lengths: IntGrid) -> tuple[Cell, ...]:
     """The shortest path that `lengths` (from `path_lengths`) holds: cells from the start to `goal`, both included.
 
-    Walks downhill from the goal; prefers to go straight on, so that a path has few corners. Empty where there is no way.
+    Walks downhill from the goal and prefers to go straight on: few corners. Empty where there is no way.
     """
     if lengths[goal] == UNREACHABLE:
         return ()
