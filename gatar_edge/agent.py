@@ -1,6 +1,7 @@
 """One robot's mind: what came in since the last tick -> what goes out.
 
-The daemon, the simulator and the replay run this. No sockets, no clock, no randomness: time and inputs are handed in, so that the same inputs give the same decisions.
+The daemon, the simulator and the replay run this. No sockets, no clock, no randomness: time and inputs are handed in,
+so that the same inputs give the same decisions.
 """
 
 from __future__ import annotations

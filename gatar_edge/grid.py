@@ -25,7 +25,8 @@ def passable(kind: RobotKind, belief: ByteGrid) -> BoolGrid:
     """Where a robot may go, as far as is known: bool [W, H]. Obstacles stop only ground robots."""
     if kind is RobotKind.UAV:
         return np.ones(belief.shape, dtype=np.bool_)
-    return belief != CellState.OBSTACLE
+    free: BoolGrid = belief != CellState.OBSTACLE
+    return free
 
 
 def path_lengths(kind: RobotKind, cell: Cell, free: BoolGrid) -> IntGrid:

@@ -9,13 +9,7 @@ import numpy as np
 from gatar_edge.types import ByteGrid, Cell, Cells, CellState, Observation, RobotKind, RobotState, TaskKind
 from gatar_edge.view import View, build_view
 
-SIGNS = {
-    "?": CellState.UNKNOWN,
-    ".": CellState.FREE,
-    "#": CellState.OBSTACLE,
-    "T": CellState.TARGET,
-    "x": CellState.LOCALIZED,
-}
+SIGNS = dict(zip("?.#Tx", CellState, strict=True))
 
 
 def belief_of(picture: str) -> ByteGrid:
@@ -39,11 +33,9 @@ def robot(
     return RobotState(robot_id, kind, cell, speed, TaskKind.TARGET, target)
 
 
-def view_of(
-    belief: ByteGrid, ego: RobotState, others: Sequence[RobotState] = (), r_comm: float = 6.0, hops: int = 2
-) -> View:
+def view_of(belief: ByteGrid, ego: RobotState, others: Sequence[RobotState] = (), r_comm: float = 6.0) -> View:
     """The view of `ego` at time 0."""
-    return build_view(0, ego, others, belief, r_comm, hops, 64)
+    return build_view(0, ego, others, belief, r_comm, 2, 64)
 
 
 def cells(*pairs: Cell) -> Cells:

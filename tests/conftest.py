@@ -10,7 +10,7 @@ import pytest
 
 @pytest.fixture(scope="session")
 def shared_folder() -> Path:
-    """Reference data that is not part of the repository: maps and wire transcripts. Tests that need it skip without it."""
+    """Reference data outside the repository, maps and wire transcripts. Tests that need it skip without it."""
     root = Path(__file__).resolve().parents[1]
     folder = Path(os.environ.get("GATAR_SHARED", root.parent / "shared"))
     if not folder.is_dir():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from builders import belief_of
@@ -41,7 +43,7 @@ def test_a_path_joins_start_and_goal_by_single_steps_over_passable_cells() -> No
     free = passable(RobotKind.UGV, WALL)
     path = path_to((4, 4), path_lengths(RobotKind.UGV, (0, 4), free))
     assert (path[0], path[-1], len(path)) == ((0, 4), (4, 4), 13)
-    assert all(abs(a[0] - b[0]) + abs(a[1] - b[1]) == 1 for a, b in zip(path, path[1:], strict=False))
+    assert all(abs(a[0] - b[0]) + abs(a[1] - b[1]) == 1 for a, b in itertools.pairwise(path))
     assert all(free[cell] for cell in path)
 
 
