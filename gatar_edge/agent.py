@@ -14,7 +14,6 @@ from gatar_edge.allocators.base import Allocation, Allocator
 from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.belief import merged, nothing_known, observed, window_at, window_origin
 from gatar_edge.config import AgentConfig
-from gatar_edge.errors import GatarError
 from gatar_edge.message import NeighborMessage, encode
 from gatar_edge.neighbors import Heard, NeighborTable
 from gatar_edge.tasks import Rules, Task, decide, to_command
@@ -185,7 +184,7 @@ class Agent:
         """The configured allocator's proposal, or the fallback's with the reason why."""
         try:
             allocation = self.allocator.allocate(view)
-        except (GatarError, ArithmeticError, ValueError, RuntimeError, IndexError, TypeError) as error:
+        except Exception as error:  # whatever a model does, the robot goes on
             return self._fallback.allocate(view), self._fallback.name, f"{type(error).__name__}: {error}"[:200]
         if np.isnan(allocation.scores).any() or len(allocation.choices) != len(view.robots):
             return self._fallback.allocate(view), self._fallback.name, "scores are not finite"
