@@ -32,7 +32,7 @@ STACKS = ("ardupilot", "px4", "mixed")
 @click.option("--telemetry-loss", type=click.FloatRange(0, 0.9), default=0.0, help="The same, robot to autopilot.")
 @click.option("--max-steps", type=click.IntRange(1, 100_000), default=500, show_default=True, help="Give up after.")
 @click.option(
-    "--log", "log_path", type=click.Path(path_type=Path, dir_okay=False), help="Write the mission to an MCAP."
+    "--log", "log_path", type=click.Path(path_type=Path, dir_okay=False), help="Write an MCAP of the mission."
 )
 @click.option(
     "--out", type=click.Path(path_type=Path, file_okay=False), help="Folder for mission.mcap and report.html together."
