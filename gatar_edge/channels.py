@@ -149,7 +149,9 @@ class Channel:
 
 
 _JSON, _PROTO = Encoding.JSON, Encoding.PROTOBUF
-RUN_INFO = Channel("/run/info", _JSON, "gatar.RunInfo", "start, then 30 s", "configuration, model, versions of this run")
+RUN_INFO = Channel(
+    "/run/info", _JSON, "gatar.RunInfo", "start, then 30 s", "configuration, model, versions of this run"
+)
 RESULT = Channel("/run/result", _JSON, "gatar.Result", "end", "the mission's figures, as the command printed them")
 HEALTH = Channel("/run/health", _JSON, "gatar.Health", "5 s", "what the recorder wrote", HealthRecord)
 OBSERVATION = Channel(
@@ -168,7 +170,9 @@ MAVLINK_TX = Channel(
 )
 BELIEF = Channel("/robot/{id}/belief", _PROTO, "foxglove.Grid", "change, and 2 s", "CellState of each cell it knows")
 FIX = Channel("/robot/{id}/fix", _PROTO, "foxglove.LocationFix", "tick", "the vehicle's position on the Earth")
-FRAME = Channel("/robot/{id}/frame", _PROTO, "foxglove.FrameTransform", "tick", "the robot's place on the map, in metres")
+FRAME = Channel(
+    "/robot/{id}/frame", _PROTO, "foxglove.FrameTransform", "tick", "the robot's place on the map, in metres"
+)
 SCENE = Channel("/scene", _PROTO, "foxglove.SceneUpdate", "tick, map 2 s", "robots, paths, targets, obstacles in 3D")
 MAP = Channel("/map", _PROTO, "foxglove.Grid", "2 s", "CellState of each cell that anybody knows")
 MAP_IMAGE = Channel("/map/image", _PROTO, "foxglove.RawImage", "2 s", "the same as a picture, north up")

@@ -178,7 +178,9 @@ def robot_scene(decision: Decision, kind: RobotKind, spec: GridSpec, now_ns: int
     """A foxglove.SceneUpdate of one robot: its body, its number, and the way it means to go."""
     height = 1.5 if kind is RobotKind.UAV else 0.3
     assignment = decision.assignment
-    entity = SceneEntity_pb2.SceneEntity(timestamp=_stamp(now_ns), frame_id=MAP_FRAME, id=robot_frame(decision.robot_id))
+    entity = SceneEntity_pb2.SceneEntity(
+        timestamp=_stamp(now_ns), frame_id=MAP_FRAME, id=robot_frame(decision.robot_id)
+    )
     color = _color(_ROBOT_RGB[kind])
     x, y, z = (*_centre(decision.cell, spec), height * spec.cell_m)
     size = Vector3_pb2.Vector3(x=0.6 * spec.cell_m, y=0.6 * spec.cell_m, z=0.2 * spec.cell_m)
