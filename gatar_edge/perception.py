@@ -91,7 +91,7 @@ class Perception:
             return ObservationOutcome.TOO_LONG, None
         try:
             datagram = decode_datagram(data)
-        except (msgspec.MsgspecError, RecursionError) as error:
+        except (ValueError, RecursionError) as error:  # ValueError: MsgspecError, and UnicodeDecodeError of a map key
             self.last_error = str(error)[:200]
             return ObservationOutcome.MALFORMED, None
         if datagram.robot_id not in {None, self.robot_id}:

@@ -76,6 +76,8 @@ def test_json_needs_only_version_and_seen_where_the_autopilot_knows_the_place() 
         (datagram(age_ms=-1), ObservationOutcome.MALFORMED),
         (msgspec.msgpack.encode({"v": 1, "seen": [[0, 0]] * (MAX_CELLS + 1)}), ObservationOutcome.MALFORMED),
         (b"", ObservationOutcome.MALFORMED),
+        (b'{"\xff": 1}', ObservationOutcome.MALFORMED),
+        (b"\x81\xa1\xff\x01", ObservationOutcome.MALFORMED),
         (b"{" * 10_000, ObservationOutcome.MALFORMED),
         (b"\x91" * 10_000, ObservationOutcome.MALFORMED),
         (b" " * (MAX_OBSERVATION_BYTES + 1), ObservationOutcome.TOO_LONG),
