@@ -30,7 +30,7 @@ _Age = Annotated[float, Meta(ge=0, le=MAX_AGE_MS)]
 
 
 class ObservationDatagram(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
-    """What one datagram holds. Cells are [x, y] of the team's grid, x east and y north; those off the grid are ignored."""
+    """What one datagram holds. Cells are [x, y] of the grid, x east and y north; those off the grid are ignored."""
 
     v: Literal[1]  # version of this format
     seen: _Set  # all cells in view
@@ -84,35 +84,32 @@ class Perception:
             return 0.0
         return (len(self._accepted_ns) - 1) * 1e9 / max(1, now_ns - self._accepted_ns[0])
 
-    def _judge(
-        self, data: bytes, now_ns: int, own_cell: Cell | None
-    ) -> tuple[ObservationOutcome, Observation | None]:
+    def _judge(self, data: bytes, now_ns: int, own_cell: Cell | None) -> tuple[ObservationOutcome, Observation | None]:
         if len(data) > MAX_OBSERVATION_BYTES:
             return ObservationOutcome.TOO_LONG, None
         try:
             datagram = decode_datagram(data)
-        except (ValueError, RecursionError) as error:  # ValueError: MsgspecError, and UnicodeDecodeError of a map key
+        except (ValueError, RecursionError) as error:  # ValueError: msgspec's own, and keys that are not UTF-8
             self.last_error = str(error)[:200]
             return ObservationOutcome.MALFORMED, None
-        if datagram.robot_id not in {None, self.robot_id}:
-            return ObservationOutcome.NOT_MINE, None
         cell = datagram.cell if datagram.cell is not None else own_cell
         if cell is None:
             return ObservationOutcome.NO_PLACE, None
-        if not (0 <= cell[0] < self.grid.width and 0 <= cell[1] < self.grid.height):
-            return ObservationOutcome.OFF_GRID, None
         t_ns = now_ns - int(datagram.age_ms * 1e6)
+        outcome = self._sort(datagram.robot_id, cell, t_ns)
+        if outcome is not ObservationOutcome.ACCEPTED:
+            return outcome, None
+        sets = (_as_array(cells) for cells in (datagram.seen, datagram.obstacles, datagram.targets))
+        return outcome, Observation(self.robot_id, self.kind, cell, *sets, t_ns)
+
+    def _sort(self, robot_id: int | None, cell: Cell, t_ns: int) -> ObservationOutcome:
+        if robot_id not in {None, self.robot_id}:
+            return ObservationOutcome.NOT_MINE
+        if not (0 <= cell[0] < self.grid.width and 0 <= cell[1] < self.grid.height):
+            return ObservationOutcome.OFF_GRID
         if self.newest_ns is not None and t_ns < self.newest_ns:
-            return ObservationOutcome.OLDER, None
-        return ObservationOutcome.ACCEPTED, Observation(
-            robot_id=self.robot_id,
-            kind=self.kind,
-            cell=cell,
-            seen=_as_array(datagram.seen),
-            obstacles=_as_array(datagram.obstacles),
-            targets=_as_array(datagram.targets),
-            t_ns=t_ns,
-        )
+            return ObservationOutcome.OLDER
+        return ObservationOutcome.ACCEPTED
 
 
 def encode_observation(observation: Observation, now_ns: int) -> bytes:
@@ -131,7 +128,7 @@ def encode_observation(observation: Observation, now_ns: int) -> bytes:
 
 
 def decode_datagram(data: bytes) -> ObservationDatagram:
-    """The datagram in `data`, JSON where it begins like a JSON object. Raises msgspec.MsgspecError that names the field."""
+    """The datagram in `data`, JSON where it begins like a JSON object. Raises ValueError that names the field."""
     # a msgpack map never begins with "{": that byte is the number 123
     if data.lstrip(b" \t\r\n")[:1] == b"{":
         return _JSON.decode(data)

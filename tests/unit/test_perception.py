@@ -51,7 +51,11 @@ def test_an_observation_survives_its_encoding_with_its_age_on_another_clock() ->
     got = perception().take(encode_observation(sent, now_ns=9 * S), 1000 * S, None)
     assert got is not None
     assert (got.robot_id, got.kind, got.cell, got.t_ns) == (3, RobotKind.UGV, (4, 5), 998 * S)
-    assert [getattr(got, name).tolist() for name in ("seen", "obstacles", "targets")] == [[[4, 5], [19, 9]], [[19, 9]], []]
+    assert [getattr(got, name).tolist() for name in ("seen", "obstacles", "targets")] == [
+        [[4, 5], [19, 9]],
+        [[19, 9]],
+        [],
+    ]
     assert got.targets.shape == (0, 2)
 
 
