@@ -6,15 +6,12 @@ advances the time, as fast as it likes (lock-step) or with the wall clock (real 
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 from gatar_edge.bridge.driver import DriverConfig, VehicleDriver
-from gatar_edge.bridge.geo import cell_to_wgs84
-from gatar_edge.sim_sitl.autopilot import AutopilotConfig, SimAutopilot
 from gatar_edge.sim_sitl.faulty_link import FaultyLink, LinkFaults
 from gatar_edge.sim_sitl.radio import Radio, RadioConfig
 
@@ -22,6 +19,7 @@ from gatar_edge.agent import Agent, Identity, Inbox
 from gatar_edge.allocators.base import Allocator
 from gatar_edge.config import AgentConfig
 from gatar_edge.keys import DEMO_KEY
+from gatar_edge.sim_sitl.body import Body, StackName
 from gatar_edge.sim_sitl.tally import Result, Tally
 from gatar_edge.sim_sitl.world import World, observe
 from gatar_edge.types import (
@@ -31,12 +29,10 @@ from gatar_edge.types import (
     Decision,
     GridSpec,
     Observation,
-    RobotKind,
     VehicleCommand,
     VehicleState,
 )
 
-StackName = Literal["ardupilot", "px4"]
 PUMPS = 8  # exchanges between driver and autopilot within one instant, at most
 
 
@@ -78,101 +74,73 @@ class Log(Protocol):
     def poll(self, now_ns: int) -> None: ...
 
 
-class Robot:
-    """One robot of the fleet: its mind, its bridge, its autopilot, and the wire between the last two."""
+class Gateway(Protocol):
+    """Where the rest of the world, such as a ground station, reaches the autopilots."""
 
-    def __init__(self, index: int, config: FleetConfig, allocator: Allocator, now_ns: int) -> None:
-        self.robot_id = index + 1
-        self.kind = config.world.team.kinds[index]
-        self.start = config.world.starts[index]
-        self._grid = config.agent.grid
-        lat_deg, lon_deg = cell_to_wgs84(self._grid, self.start)
-        speed_cells_s = config.speed_m_s / self._grid.cell_m
-        self.agent = Agent(Identity(self.robot_id, self.kind, speed_cells_s), config.agent, allocator, DEMO_KEY)
+    def send(self, data: bytes) -> None:
+        """What an autopilot says."""
+
+    def receive(self) -> list[bytes]:
+        """What was said to the autopilots."""
+
+
+class Robot:
+    """One robot of the fleet: its mind, its bridge, its vehicle, and the wire between the last two."""
+
+    def __init__(self, index: int, config: FleetConfig, allocator: Allocator) -> None:
+        grid = config.agent.grid
+        self.body = Body(config.world, index, grid, config.stacks[index], config.speed_m_s)
+        self.robot_id = self.body.robot_id
+        self.kind = self.body.kind
+        identity = Identity(self.robot_id, self.kind, config.speed_m_s / grid.cell_m)
+        self.agent = Agent(identity, config.agent, allocator, DEMO_KEY)
         self.driver = VehicleDriver(
             DriverConfig(
                 robot_id=self.robot_id,
                 kind=self.kind,
-                grid=self._grid,
+                grid=grid,
                 sysid=self.robot_id,
                 altitude_m=config.altitude_m + index * config.altitude_step_m,
                 speed_m_s=config.speed_m_s,
             ),
-            now_ns,
+            0,
         )
-        self.autopilot = SimAutopilot(
-            AutopilotConfig(
-                sysid=self.robot_id,
-                vehicle="copter" if self.kind is RobotKind.UAV else "rover",
-                stack=config.stacks[index],
-                home_lat_deg=lat_deg,
-                home_lon_deg=lon_deg,
-                seed=config.world.seed * 64 + index,
-                speed_m_s=config.speed_m_s,
-            ),
-            now_ns,
-            blocked=self._obstacle_map(config.world) if self.kind is RobotKind.UGV else None,
-        )
-        self.up = FaultyLink(config.telemetry, seed=config.world.seed * 128 + 2 * index)
-        self.down = FaultyLink(config.telemetry, seed=config.world.seed * 128 + 2 * index + 1)
         self.alive = True
-        self.travelled_m = 0.0
+        self._up = FaultyLink(config.telemetry, seed=config.world.seed * 128 + 2 * index)
+        self._down = FaultyLink(config.telemetry, seed=config.world.seed * 128 + 2 * index + 1)
 
-    def advance(self, now_ns: int, log: Log | None) -> None:
+    def advance(self, now_ns: int, gateway: Gateway | None) -> None:
         """Physics up to now, then let companion and autopilot talk until they have nothing more to say."""
-        before = self.autopilot.truth
-        self.autopilot.step(now_ns)
-        after = self.autopilot.truth
-        self.travelled_m += math.hypot(after.east_m - before.east_m, after.north_m - before.north_m)
+        self.body.step(now_ns)
         for _ in range(PUMPS):
-            self.down.send(self.autopilot.take(), now_ns)
-            self.up.send(self.driver.poll(now_ns), now_ns)
-            arrived = [*self.down.deliver(now_ns)]
-            obeyed = [*self.up.deliver(now_ns)]
+            said = self.body.autopilot.take()
+            if gateway is not None and said:
+                gateway.send(said)
+            self._down.send(said, now_ns)
+            self._up.send(self.driver.poll(now_ns), now_ns)
+            arrived, obeyed = self._down.deliver(now_ns), self._up.deliver(now_ns)
             for data in arrived:
                 self.driver.receive(data, now_ns)
             for data in obeyed:
-                self.autopilot.receive(data, now_ns)
+                self.body.autopilot.receive(data, now_ns)
             if not arrived and not obeyed:
                 break
-        if log is not None:
-            for direction, frame in self.driver.frames():
-                log.mavlink(self.robot_id, direction, frame, now_ns)
-            for event in self.driver.events():
-                log.text("info", self.robot_id, event.text, event.t_ns)
-
-    @property
-    def cell(self) -> Cell:
-        """Where the robot really is."""
-        truth, cell_m = self.autopilot.truth, self._grid.cell_m
-        angle = math.radians(self._grid.heading_deg)
-        x_m = truth.east_m * math.cos(angle) - truth.north_m * math.sin(angle)
-        y_m = truth.east_m * math.sin(angle) + truth.north_m * math.cos(angle)
-        x = self.start[0] + math.floor(x_m / cell_m + 0.5)
-        y = self.start[1] + math.floor(y_m / cell_m + 0.5)
-        return min(max(x, 0), self._grid.width - 1), min(max(y, 0), self._grid.height - 1)
-
-    def _obstacle_map(self, world: World) -> Callable[[float, float], bool]:
-        angle = math.radians(self._grid.heading_deg)
-
-        def blocked(east_m: float, north_m: float) -> bool:
-            x_m = east_m * math.cos(angle) - north_m * math.sin(angle)
-            y_m = east_m * math.sin(angle) + north_m * math.cos(angle)
-            x = self.start[0] + math.floor(x_m / self._grid.cell_m + 0.5)
-            y = self.start[1] + math.floor(y_m / self._grid.cell_m + 0.5)
-            inside = 0 <= x < world.shape[0] and 0 <= y < world.shape[1]
-            return not inside or bool(world.obstacles[x, y])
-
-        return blocked
 
 
 class Fleet:
     """All robots of a mission. Call `advance` with rising times; then read `tally`."""
 
-    def __init__(self, config: FleetConfig, allocator: Callable[[], Allocator], log: Log | None = None) -> None:
+    def __init__(
+        self,
+        config: FleetConfig,
+        allocator: Callable[[], Allocator],
+        log: Log | None = None,
+        gateway: Gateway | None = None,
+    ) -> None:
         self.config = config
         self.log = log
-        self.robots = [Robot(index, config, allocator(), 0) for index in range(len(config.world.team.kinds))]
+        self.gateway = gateway
+        self.robots = [Robot(index, config, allocator()) for index in range(len(config.world.team.kinds))]
         self.radio = Radio(config.radio)
         self.tally = Tally(config.world, self.robots[0].agent.allocator.name)
         self.began_ns: int | None = None  # when the launch was over
@@ -193,12 +161,16 @@ class Fleet:
     def advance(self, now_ns: int) -> None:
         """Let the world go on up to `now_ns`; the minds tick when their time has come."""
         self._now_ns = now_ns
+        for data in self.gateway.receive() if self.gateway is not None else ():
+            for robot in self.robots:
+                robot.body.autopilot.receive(data, now_ns)
         for robot in self.robots:
             if robot.alive:
-                robot.advance(now_ns, self.log)
+                robot.advance(now_ns, self.gateway)
+                self._record_wire(robot, now_ns)
         if self.began_ns is None and self._launched(now_ns):
             self.began_ns = self._next_tick_ns = now_ns
-            self._launch_m = {robot.robot_id: robot.travelled_m for robot in self.robots}
+            self._launch_m = {robot.robot_id: robot.body.travelled_m for robot in self.robots}
         if self.began_ns is not None:
             self._die()
             self._deliver(now_ns)
@@ -211,7 +183,7 @@ class Fleet:
     def result(self) -> Result:
         """The mission's figures."""
         for robot in self.robots:
-            flown_m = robot.travelled_m - self._launch_m.get(robot.robot_id, 0.0)
+            flown_m = robot.body.travelled_m - self._launch_m.get(robot.robot_id, 0.0)
             self.tally.distance[robot.kind.name] += flown_m / self.config.agent.grid.cell_m
         return self.tally.result(self.step)
 
@@ -228,7 +200,7 @@ class Fleet:
                     self.log.text("warning", robot_id, "killed by the scenario", self._now_ns)
 
     def _positions(self) -> dict[int, Cell]:
-        return {robot.robot_id: robot.cell for robot in self.robots if robot.alive}
+        return {robot.robot_id: robot.body.cell for robot in self.robots if robot.alive}
 
     def _deliver(self, now_ns: int) -> None:
         """Everything that is due on the air, relays at once."""
@@ -257,8 +229,8 @@ class Fleet:
         for robot in self.robots:
             if not robot.alive:
                 continue
-            self.tally.visit(robot.cell, self.step)
-            seen = observe(self.config.world, robot.robot_id, robot.cell, self.config.agent.r_sense, now_ns)
+            self.tally.visit(robot.body.cell, self.step)
+            seen = observe(self.config.world, robot.robot_id, robot.body.cell, self.config.agent.r_sense, now_ns)
             start_ns = time.perf_counter_ns()
             out = robot.agent.tick(now_ns, Inbox(seen))
             latency_ns = time.perf_counter_ns() - start_ns
@@ -269,6 +241,16 @@ class Fleet:
             if self.log is not None:
                 self._record(robot, seen, out.decision, (out.command, sent), now_ns)
         self.tally.decided_together(decisions)
+
+    def _record_wire(self, robot: Robot, now_ns: int) -> None:
+        """Empty the driver's buffers, into the log where there is one."""
+        frames, events = robot.driver.frames(), robot.driver.events()
+        if self.log is None:
+            return
+        for direction, frame in frames:
+            self.log.mavlink(robot.robot_id, direction, frame, now_ns)
+        for event in events:
+            self.log.text("info", robot.robot_id, event.text, event.t_ns)
 
     def _record(
         self,
