@@ -28,7 +28,7 @@ def read_key(path: Path) -> bytes:
             f"key file {path} cannot be read ({error.strerror}): make one with "
             f"`(umask 077; head -c {KEY_BYTES} /dev/urandom > {path})` and copy it to each robot of the team"
         ) from error
-    with os.fdopen(descriptor, "rb") as file:
+    try:
         status = os.fstat(descriptor)
         if not stat.S_ISREG(status.st_mode):
             raise ConfigError(f"key file {path} is not a file: name the file that holds the team's key")
@@ -36,7 +36,9 @@ def read_key(path: Path) -> bytes:
             raise ConfigError(
                 f"key file {path} has mode {stat.S_IMODE(status.st_mode):04o}, so others may use it: chmod 600 {path}"
             )
-        return _parse_key(file.read(4 * KEY_BYTES), path)
+        return _parse_key(os.read(descriptor, 4 * KEY_BYTES), path)
+    finally:
+        os.close(descriptor)
 
 
 def _parse_key(content: bytes, path: Path) -> bytes:

@@ -37,12 +37,13 @@ class ByteBudget:
         self.counters = BudgetCounters()
         self._sends = max(1, sends)
         self._reserve = RESERVE_BYTES * self._sends * NS_PER_S
-        smallest = 2 * RESERVE_BYTES * self._sends
+        message = RESERVE_BYTES * self._sends
+        smallest = 3 * message  # an own message, a relay and the reserve: else no relay could ever leave
         burst = max(bytes_per_s // 5, smallest) if burst_bytes is None else burst_bytes
-        if burst < smallest or bytes_per_s < burst + smallest:
+        if burst < smallest or bytes_per_s < burst + message:
             raise ConfigError(
-                f"a budget of {bytes_per_s} bytes/s with bursts of {burst} is too small for messages to {self._sends} "
-                f"peers: bursts must be at least {smallest}, and the budget {smallest} more than the bursts"
+                f"a budget of {bytes_per_s} bytes/s with bursts of {burst} is too small: where one message makes "
+                f"{self._sends} datagrams, bursts must be >= {smallest}, and the budget {message} more than the bursts"
             )
         self._rate = bytes_per_s - burst
         self._full = burst * NS_PER_S

@@ -177,8 +177,12 @@ def test_what_does_not_fit_is_not_sent_and_named(changes: dict[str, Any], text: 
 
 
 def test_numbers_of_numpy_are_sent_like_those_of_python() -> None:
-    same = replace(MESSAGE, robot_id=np.int64(0x1234), cell=tuple(np.array([7, -3], np.int16)), cost=np.float32(12.25))
-    assert encode(same, DEMO_KEY) == GOLDEN
+    numbers: dict[str, Any] = {
+        "robot_id": np.int64(0x1234),
+        "cell": tuple(np.array([7, -3], np.int16)),
+        "cost": np.float32(12.25),
+    }
+    assert encode(replace(MESSAGE, **numbers), DEMO_KEY) == GOLDEN
 
 
 def test_a_window_that_is_a_view_is_sent_as_it_reads() -> None:
