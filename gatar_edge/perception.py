@@ -99,8 +99,8 @@ class Perception:
         outcome = self._sort(datagram.robot_id, cell, t_ns)
         if outcome is not ObservationOutcome.ACCEPTED:
             return outcome, None
-        sets = (_as_array(cells) for cells in (datagram.seen, datagram.obstacles, datagram.targets))
-        return outcome, Observation(self.robot_id, self.kind, cell, *sets, t_ns)
+        seen, obstacles, targets = map(_as_array, (datagram.seen, datagram.obstacles, datagram.targets))
+        return outcome, Observation(self.robot_id, self.kind, cell, seen, obstacles, targets, t_ns)
 
     def _sort(self, robot_id: int | None, cell: Cell, t_ns: int) -> ObservationOutcome:
         if robot_id not in {None, self.robot_id}:
