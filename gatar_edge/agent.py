@@ -1,6 +1,7 @@
-"""One robot's mind: what came in since the last tick -> what goes out. The daemon, the simulator and the replay run this.
+"""One robot's mind: what came in since the last tick -> what goes out.
 
-No sockets, no clock, no randomness: time and inputs are handed in, so that the same inputs give the same decisions.
+The daemon, the simulator and the replay run this. No sockets, no clock, no randomness: time and inputs are handed in,
+so that the same inputs give the same decisions.
 """
 
 from __future__ import annotations
@@ -13,7 +14,6 @@ from gatar_edge.allocators.base import Allocation, Allocator
 from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.belief import merged, nothing_known, observed, window_at, window_origin
 from gatar_edge.config import AgentConfig
-from gatar_edge.errors import GatarError
 from gatar_edge.message import NeighborMessage, encode
 from gatar_edge.neighbors import Heard, NeighborTable
 from gatar_edge.tasks import Rules, Task, decide, to_command
@@ -106,7 +106,7 @@ class Agent:
         self.belief = observed(self.belief, observation)
 
     def hear(self, datagram: bytes, now_ns: int) -> Heard:
-        """Take in bytes from the radio. Never raises for what a neighbour sent; the answer may hold a relay to send on."""
+        """Take in bytes from the radio; the answer may hold a relay to send on. Never raises for what was sent."""
         heard = self.neighbors.hear(datagram, now_ns)
         if heard.message is not None:
             self.belief = merged(self.belief, heard.message.window_origin, heard.message.window)
@@ -184,7 +184,7 @@ class Agent:
         """The configured allocator's proposal, or the fallback's with the reason why."""
         try:
             allocation = self.allocator.allocate(view)
-        except (GatarError, ArithmeticError, ValueError, RuntimeError, IndexError, TypeError) as error:
+        except Exception as error:  # whatever a model does, the robot goes on
             return self._fallback.allocate(view), self._fallback.name, f"{type(error).__name__}: {error}"[:200]
         if np.isnan(allocation.scores).any() or len(allocation.choices) != len(view.robots):
             return self._fallback.allocate(view), self._fallback.name, "scores are not finite"

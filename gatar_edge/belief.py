@@ -84,7 +84,8 @@ def known_targets(belief: ByteGrid) -> Cells:
 
 def unknown(belief: ByteGrid) -> BoolGrid:
     """Cells that nobody has told of: bool [W, H]."""
-    return belief == CellState.UNKNOWN
+    dark: BoolGrid = belief == CellState.UNKNOWN
+    return dark
 
 
 def _inside(cells: Cells, shape: tuple[int, ...]) -> Cells:

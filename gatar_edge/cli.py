@@ -1,4 +1,4 @@
-"""The `gatar` command: loads a subcommand only when it is called, and turns our errors into one line and exit code 2."""
+"""The `gatar` command: loads a subcommand only when it is called; our errors become one line and exit code 2."""
 
 from __future__ import annotations
 

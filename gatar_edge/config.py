@@ -1,4 +1,4 @@
-"""Parameters of the robot runtime. Frozen, strict, read from TOML by msgspec: unknown fields are errors that name their path."""
+"""Parameters of the robot runtime: frozen and strict, unknown fields are errors that name their path."""
 
 from __future__ import annotations
 

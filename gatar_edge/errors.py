@@ -15,6 +15,8 @@ what was got, the limit, and the mend. The command line prints it as one line an
 
 from __future__ import annotations
 
+from enum import StrEnum
+
 
 class GatarError(Exception):
     """Root of all errors that gatar-edge raises on purpose."""
@@ -24,8 +26,20 @@ class ConfigError(GatarError):
     """A configuration, command line or team string cannot be used."""
 
 
+class MessageCause(StrEnum):
+    """Why bytes are not a message: one per cause, so that a receiver can count them apart."""
+
+    MALFORMED = "malformed"  # wrong length, or a value that no sender of ours writes
+    VERSION = "version"  # another version of the format
+    FORGED = "forged"  # signed with another key, or changed on the way
+
+
 class MessageError(GatarError):
-    """Bytes from a neighbour are not a message that may be used."""
+    """Bytes from a neighbour are not a message that may be used; `cause` says in which way."""
+
+    def __init__(self, text: str, cause: MessageCause = MessageCause.MALFORMED) -> None:
+        super().__init__(text)
+        self.cause = cause
 
 
 class ModelError(GatarError):

@@ -15,8 +15,8 @@ def frontier_for_ego(view: View, choices: Choices, r_sense: float) -> Cell | Non
     """The unknown cell that ego should go to, or None where nothing unknown can be reached.
 
     All robots of the view without a target get one in turn, shortest way first (ties by id, then cell); a robot's cell
-    takes those within `r_sense` of it out of the pool for the robots after it, for it will see them. Where nothing is left
-    to see in the pool, the nearest unknown cell serves, whoever else goes there.
+    takes those within `r_sense` of it out of the pool for the robots after it, for it will see them. Where nothing is
+    left in the pool, the nearest unknown cell serves, whoever else goes there.
     """
     dark = unknown(view.belief)
     if not dark.any():

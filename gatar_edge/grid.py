@@ -25,7 +25,8 @@ def passable(kind: RobotKind, belief: ByteGrid) -> BoolGrid:
     """Where a robot may go, as far as is known: bool [W, H]. Obstacles stop only ground robots."""
     if kind is RobotKind.UAV:
         return np.ones(belief.shape, dtype=np.bool_)
-    return belief != CellState.OBSTACLE
+    free: BoolGrid = belief != CellState.OBSTACLE
+    return free
 
 
 def path_lengths(kind: RobotKind, cell: Cell, free: BoolGrid) -> IntGrid:
@@ -51,7 +52,7 @@ def manhattan(cell: Cell, shape: tuple[int, ...]) -> IntGrid:
 def path_to(goal: Cell, lengths: IntGrid) -> tuple[Cell, ...]:
     """The shortest path that `lengths` (from `path_lengths`) holds: cells from the start to `goal`, both included.
 
-    Walks downhill from the goal; prefers to go straight on, so that a path has few corners. Empty where there is no way.
+    Walks downhill from the goal and prefers to go straight on: few corners. Empty where there is no way.
     """
     if lengths[goal] == UNREACHABLE:
         return ()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import Enum, IntEnum
+from enum import IntEnum, StrEnum
 from typing import Any, NewType
 
 import numpy as np
@@ -56,7 +56,7 @@ class TaskKind(IntEnum):
     EXPLORE = 2
 
 
-class Reason(str, Enum):
+class Reason(StrEnum):
     """Why an assignment is what it is: one per cause."""
 
     ALLOCATED = "allocated"  # the allocator's choice, new at this tick
@@ -70,7 +70,8 @@ class Reason(str, Enum):
 class GridSpec:
     """The shared grid: integer cells anchored on the Earth.
 
-    The origin is the outer south-west corner of cell (0, 0); `heading_deg` turns the grid's +y axis clockwise from north.
+    The origin is the outer south-west corner of cell (0, 0); `heading_deg` turns the grid's +y axis clockwise from
+    north.
     """
 
     width: int = 15

@@ -1,4 +1,4 @@
-"""One robot's picture at the moment of a decision: its K-hop graph, the targets it knows, and how far everybody has to go.
+"""One robot's picture at a decision: its K-hop graph, the targets it knows, and how far everybody has to go.
 
 Built from the own belief and the neighbours' messages alone. Ego stands first, the rest by id: the order of robots
 changes float sums, and every robot of a graph must break ties alike.

@@ -33,7 +33,7 @@ class GridMission:
 
 
 def fly(mission: GridMission, allocator: Callable[[], Allocator]) -> Result:
-    """Fly until every reachable target is localized or `max_steps` have passed. Same inputs, same result (but latencies)."""
+    """Fly until every reachable target is localized or `max_steps` have passed; deterministic but for latencies."""
     world = mission.world
     agents = [
         Agent(Identity(robot_id, kind, 1.0), mission.config, allocator(), DEMO_KEY)

@@ -42,7 +42,7 @@ class Team:
     @staticmethod
     def parse(text: str) -> Team:
         """Read a team such as 3A3G: aerial, then ground robots. Raises ConfigError."""
-        match = re.fullmatch(r"(\d{1,3})A(\d{1,3})G", text.strip().upper())
+        match = re.fullmatch(r"([0-9]{1,3})A([0-9]{1,3})G", text.strip().upper())
         count = (int(match[1]), int(match[2])) if match else (0, 0)
         if not 1 <= sum(count) <= 64:
             raise ConfigError(f"team {text!r} is not of the form 3A3G (aerial, ground; 1 to 64 robots together)")

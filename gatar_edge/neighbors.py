@@ -1,0 +1,156 @@
+"""Whom a robot hears: accepts each message once, says what to relay, and forgets who fell silent.
+
+Rule 1: time is local. A neighbour's age counts from the reception here; its own clock decides nothing.
+Rule 2: per author only a rising sequence is news. It is remembered after the author fell silent, so that a recording
+        of the team's radio cannot bring a robot back.
+Rule 3: `hear` takes any bytes and never raises; each cause has its outcome, each outcome its counter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+from gatar_edge.errors import ConfigError, MessageError
+from gatar_edge.keys import KEY_BYTES
+from gatar_edge.message import Envelope, NeighborMessage, open_envelope, unpack, with_hops
+from gatar_edge.types import Cell
+
+MAX_HOPS = 255  # one byte
+MAX_AUTHORS = 1024  # remembered sequences: the longest silent author is forgotten first
+
+
+class HearOutcome(StrEnum):
+    """What became of one datagram: one per cause. The values of `MessageCause` are among them."""
+
+    ACCEPTED = "accepted"
+    NEARER = "nearer"  # heard before, but over more hops: the same news by a shorter way
+    DUPLICATE = "duplicate"  # heard before over as many hops or fewer
+    OLDER = "older"  # a later message of this author was heard: overtaken, or replayed
+    OWN = "own"  # ours, relayed or looped back
+    FOREIGN_CONFIG = "foreign_config"  # of a robot whose configuration differs from ours
+    TOO_FAR = "too_far"  # over more hops than the team's limit
+    MALFORMED = "malformed"
+    VERSION = "version"
+    FORGED = "forged"
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """The outcome; the message where it is ACCEPTED or NEARER; the bytes to send on where others may lack it."""
+
+    outcome: HearOutcome
+    message: NeighborMessage | None = None
+    relay: bytes | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Neighbor:
+    """The newest message of one author, and when it was first heard here."""
+
+    message: NeighborMessage
+    heard_ns: int
+
+    @property
+    def robot_id(self) -> int:
+        """Who wrote the message."""
+        return self.message.robot_id
+
+    @property
+    def hops(self) -> int:
+        """Relays on the shortest way the message came: 0 when heard from the author."""
+        return self.message.hops
+
+    def age_ns(self, now_ns: int) -> int:
+        """Time since the reception, by the local clock."""
+        return now_ns - self.heard_ns
+
+
+class NeighborTable:
+    """All that one robot remembers of what it heard; bounded, deterministic, without a clock of its own.
+
+    `hop_limit` is K: 0 hears nobody, 1 the authors in range, 2 also what those relay.
+    Raises ConfigError for a key of another length than 32 bytes.
+    """
+
+    def __init__(
+        self,
+        robot_id: int,
+        key: bytes,
+        config_digest: int,
+        *,
+        hop_limit: int,
+        max_age_ns: int,
+        max_neighbors: int = 63,
+    ) -> None:
+        if len(key) != KEY_BYTES:  # an empty one would mean no signature at all
+            raise ConfigError(f"the team's key has {len(key)} bytes, must be {KEY_BYTES}: read it with keys.read_key")
+        self.counters: dict[HearOutcome, int] = dict.fromkeys(HearOutcome, 0)
+        self._robot_id = robot_id
+        self._key = key
+        self._config_digest = config_digest
+        self._hop_limit = min(hop_limit, MAX_HOPS)
+        self._max_age_ns = max_age_ns
+        self._max_neighbors = max_neighbors
+        self._authors: dict[int, Neighbor] = {}  # in order of reception, the longest silent first
+
+    def hear(self, data: bytes, now_ns: int) -> Heard:
+        """Judge one datagram received at `now_ns`. Duplicates cost one signature check and no unpacking."""
+        heard = self._judge(data, now_ns)
+        self.counters[heard.outcome] += 1
+        return heard
+
+    def fresh(self, now_ns: int, own_cell: Cell) -> tuple[Neighbor, ...]:
+        """The neighbours not older than the limit, by id; of too many those nearest to `own_cell` (then lower id)."""
+        found = []
+        for neighbor in reversed(self._authors.values()):
+            if neighbor.age_ns(now_ns) > self._max_age_ns:
+                break
+            found.append(neighbor)
+        if len(found) > self._max_neighbors:
+            found.sort(key=lambda neighbor: (_squared_distance(neighbor.message.cell, own_cell), neighbor.robot_id))
+            del found[self._max_neighbors :]
+        return tuple(sorted(found, key=lambda neighbor: neighbor.robot_id))
+
+    def _judge(self, data: bytes, now_ns: int) -> Heard:
+        try:
+            envelope = open_envelope(data, self._key)
+            outcome = self._sort(envelope)
+            if outcome is HearOutcome.ACCEPTED:
+                message = unpack(data)
+                self._remember(Neighbor(message, now_ns))
+            elif outcome is HearOutcome.NEARER:
+                known = self._authors[envelope.robot_id]
+                message = replace(known.message, hops=envelope.hops)
+                self._authors[envelope.robot_id] = Neighbor(message, known.heard_ns)  # no younger for it
+            else:
+                return Heard(outcome)
+        except MessageError as error:
+            return Heard(HearOutcome(error.cause.value))
+        hops = envelope.hops + 1
+        return Heard(outcome, message, with_hops(data, hops, self._key) if hops < self._hop_limit else None)
+
+    def _sort(self, envelope: Envelope) -> HearOutcome:
+        """What a verified message is to us, by its envelope alone."""
+        if envelope.robot_id == self._robot_id:
+            return HearOutcome.OWN
+        if envelope.config_digest != self._config_digest:
+            return HearOutcome.FOREIGN_CONFIG
+        if envelope.hops >= self._hop_limit:
+            return HearOutcome.TOO_FAR
+        known = self._authors.get(envelope.robot_id)
+        if known is None or envelope.seq > known.message.seq:
+            return HearOutcome.ACCEPTED
+        if envelope.seq < known.message.seq:
+            return HearOutcome.OLDER
+        return HearOutcome.NEARER if envelope.hops < known.hops else HearOutcome.DUPLICATE
+
+    def _remember(self, neighbor: Neighbor) -> None:
+        self._authors.pop(neighbor.robot_id, None)  # so that the new entry is the last
+        if len(self._authors) >= MAX_AUTHORS:
+            del self._authors[next(iter(self._authors))]
+        self._authors[neighbor.robot_id] = neighbor
+
+
+def _squared_distance(one: Cell, other: Cell) -> int:
+    return (one[0] - other[0]) ** 2 + (one[1] - other[1]) ** 2

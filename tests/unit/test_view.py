@@ -1,0 +1,58 @@
+"""One robot's picture at a decision."""
+
+from __future__ import annotations
+
+import numpy as np
+from builders import belief_of, robot, view_of
+
+from gatar_edge.grid import UNREACHABLE
+from gatar_edge.types import RobotKind
+from gatar_edge.view import build_view, hop_counts, travel_times
+
+OPEN = belief_of("\n".join(["." * 20] * 3))
+
+
+def test_hops_count_radio_links_up_to_the_limit() -> None:
+    chain = [robot(1, (0, 0)), robot(2, (5, 0)), robot(3, (10, 0)), robot(4, (15, 0))]
+    assert hop_counts(chain, 6, 2)[0].tolist() == [0, 1, 2, -1]
+    assert hop_counts(chain, 6, 3)[0].tolist() == [0, 1, 2, 3]
+
+
+def test_the_radio_range_is_inclusive_and_round() -> None:
+    assert hop_counts([robot(1, (0, 0)), robot(2, (6, 0))], 6, 1)[0, 1] == 1
+    assert hop_counts([robot(1, (0, 0)), robot(2, (5, 4))], 6, 1)[0, 1] == -1
+
+
+def test_ego_stands_first_and_the_rest_by_id() -> None:
+    view = view_of(OPEN, robot(3, (0, 0)), [robot(4, (1, 0)), robot(1, (2, 0))])
+    assert [r.robot_id for r in view.robots] == [3, 1, 4]
+
+
+def test_targets_are_those_known_and_not_localized_in_order_of_cells() -> None:
+    view = view_of(belief_of("T.x\n.T?\nT.."), robot(1, (1, 0)))
+    assert view.targets.tolist() == [[0, 0], [0, 2], [1, 1]]
+    assert view.lengths[0].tolist() == [1, 3, 1]
+
+
+def test_of_too_many_targets_the_nearest_to_ego_are_kept_in_order_of_cells() -> None:
+    view = build_view(0, robot(1, (1, 0)), [], belief_of("TTT\nT.T"), 6, 2, 2)
+    assert view.targets.tolist() == [[0, 0], [1, 1]]
+
+
+def test_each_robot_has_its_own_ways() -> None:
+    belief = belief_of(".#T\n.#.\n...")
+    view = view_of(belief, robot(1, (0, 2), RobotKind.UGV), [robot(2, (0, 2))])
+    assert view.lengths[:, 0].tolist() == [6, 2]
+
+
+def test_travel_time_counts_speed_and_is_infinite_where_there_is_no_way() -> None:
+    belief = belief_of("..#T")
+    view = view_of(belief, robot(1, (0, 0), RobotKind.UGV), [robot(2, (0, 0), speed=2.0)])
+    assert view.lengths[0, 0] == UNREACHABLE
+    assert np.isinf(travel_times(view)[0, 0])
+    assert travel_times(view)[1, 0] == 1.5
+
+
+def test_a_view_without_targets_is_a_view() -> None:
+    view = view_of(belief_of("..."), robot(1, (0, 0)), [robot(2, (2, 0))])
+    assert view.lengths.shape == (2, 0)
