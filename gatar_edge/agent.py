@@ -87,6 +87,7 @@ class Agent:
         self._fallback = Greedy()
         self._observation: Observation | None = None
         self.has_vehicle = True  # set false by the caller while the vehicle cannot be commanded
+        self.shadow = False  # set true by the caller where nothing obeys: tell what is seen, claim nothing
         self._takes_part = True  # a robot that cannot move says so, and nobody allocates targets to it
 
     @property
@@ -119,16 +120,18 @@ class Agent:
         observation = self._observation
         cell = observation.cell if observation is not None else (-1, -1)
         origin = window_origin(self.belief, cell, self._seq)
+        moves = self._takes_part and not self.shadow
+        task = self.task if moves else Task()
         message = NeighborMessage(
             robot_id=self.identity.robot_id,
             kind=self.identity.kind,
             seq=self._seq,
             t_ms=now_ns // 1_000_000,
             cell=cell,
-            speed_cells_s=self.identity.speed_cells_s if self._takes_part else 0.0,
-            task=self.task.kind,
-            task_cell=self.task.cell,
-            cost=float(max(0, len(self.task.path) - 1)),
+            speed_cells_s=self.identity.speed_cells_s if moves else 0.0,
+            task=task.kind,
+            task_cell=task.cell,
+            cost=float(max(0, len(task.path) - 1)),
             window_origin=origin,
             window=window_at(self.belief, origin),
             hops=0,
