@@ -12,8 +12,9 @@ from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 from gatar_edge.bridge.driver import DriverConfig, VehicleDriver
-from gatar_edge.sim_sitl.faulty_link import FaultyLink, LinkFaults
-from gatar_edge.sim_sitl.radio import Radio, RadioConfig
+from gatar_edge.sim_sitl.faults import Faults
+from gatar_edge.sim_sitl.faulty_link import End, FaultyLink
+from gatar_edge.sim_sitl.radio import Radio
 
 from gatar_edge.agent import Agent, Identity, Inbox
 from gatar_edge.allocators.base import Allocator
@@ -42,9 +43,8 @@ class FleetConfig:
 
     world: World
     agent: AgentConfig
-    radio: RadioConfig
     stacks: tuple[StackName, ...]  # by robot index
-    telemetry: LinkFaults = field(default_factory=LinkFaults)
+    faults: Faults = field(default_factory=Faults)  # times of kills count from the end of the launch
     speed_m_s: float = 5.0
     altitude_m: float = 15.0
     altitude_step_m: float = 2.0  # every UAV has its own layer
@@ -52,7 +52,6 @@ class FleetConfig:
     tick_s: float = 0.5
     launch_timeout_s: float = 120.0
     max_steps: int = 500
-    kills: tuple[tuple[int, float], ...] = ()  # (robot id, step at which its companion and vehicle die)
 
     @property
     def step_ns(self) -> int:
@@ -106,8 +105,8 @@ class Robot:
             0,
         )
         self.alive = True
-        self._up = FaultyLink(config.telemetry, seed=config.world.seed * 128 + 2 * index)
-        self._down = FaultyLink(config.telemetry, seed=config.world.seed * 128 + 2 * index + 1)
+        seed = config.world.seed * 64 + index
+        self._wire = FaultyLink(config.faults.to_vehicle, config.faults.to_companion, seed=seed)
 
     def advance(self, now_ns: int, gateway: Gateway | None) -> None:
         """Physics up to now, then let companion and autopilot talk until they have nothing more to say."""
@@ -116,14 +115,13 @@ class Robot:
             said = self.body.autopilot.take()
             if gateway is not None and said:
                 gateway.send(said)
-            self._down.send(said, now_ns)
-            self._up.send(self.driver.poll(now_ns), now_ns)
-            arrived, obeyed = self._down.deliver(now_ns), self._up.deliver(now_ns)
-            for data in arrived:
-                self.driver.receive(data, now_ns)
-            for data in obeyed:
-                self.body.autopilot.receive(data, now_ns)
-            if not arrived and not obeyed:
+            self._wire.send(now_ns, End.VEHICLE, said)
+            self._wire.send(now_ns, End.COMPANION, self.driver.poll(now_ns))
+            arrived = self._wire.deliver(now_ns)
+            for end, data in arrived:
+                receiver = self.driver if end is End.COMPANION else self.body.autopilot
+                receiver.receive(data, now_ns)
+            if not arrived:
                 break
 
 
@@ -141,7 +139,7 @@ class Fleet:
         self.log = log
         self.gateway = gateway
         self.robots = [Robot(index, config, allocator()) for index in range(len(config.world.team.kinds))]
-        self.radio = Radio(config.radio)
+        self.radio = Radio(config.agent.r_comm, config.faults.radio, config.world.seed)
         self.tally = Tally(config.world, self.robots[0].agent.allocator.name)
         self.began_ns: int | None = None  # when the launch was over
         self._by_id = {robot.robot_id: robot for robot in self.robots}
@@ -192,12 +190,12 @@ class Fleet:
         return ready or now_ns >= self.config.launch_timeout_s * NS_PER_S
 
     def _die(self) -> None:
-        for robot_id, step in self.config.kills:
-            robot = self._by_id.get(robot_id)
-            if robot is not None and robot.alive and self.step >= step:
+        assert self.began_ns is not None
+        for robot in self.robots:
+            if robot.alive and self.config.faults.killed(robot.robot_id, self._now_ns - self.began_ns):
                 robot.alive = False
                 if self.log is not None:
-                    self.log.text("warning", robot_id, "killed by the scenario", self._now_ns)
+                    self.log.text("warning", robot.robot_id, "killed by the scenario", self._now_ns)
 
     def _positions(self) -> dict[int, Cell]:
         return {robot.robot_id: robot.body.cell for robot in self.robots if robot.alive}
@@ -247,8 +245,8 @@ class Fleet:
         frames, events = robot.driver.frames(), robot.driver.events()
         if self.log is None:
             return
-        for direction, frame in frames:
-            self.log.mavlink(robot.robot_id, direction, frame, now_ns)
+        for frame in frames:
+            self.log.mavlink(robot.robot_id, "tx" if frame.outgoing else "rx", frame.raw, frame.t_ns)
         for event in events:
             self.log.text("info", robot.robot_id, event.text, event.t_ns)
 
