@@ -55,12 +55,23 @@ class Body:
         x, y = self._cell_at(truth.east_m, truth.north_m)
         return min(max(x, 0), self._grid.width - 1), min(max(y, 0), self._grid.height - 1)
 
-    def _cell_at(self, east_m: float, north_m: float) -> Cell:
-        """The cell of a place given in metres from the start."""
+    @property
+    def xy(self) -> tuple[float, float]:
+        """Where the vehicle really is, in cells; whole numbers at the centres."""
+        truth = self.autopilot.truth
+        x_m, y_m = self._grid_m(truth.east_m, truth.north_m)
+        return x_m / self._grid.cell_m - 0.5, y_m / self._grid.cell_m - 0.5
+
+    def _grid_m(self, east_m: float, north_m: float) -> tuple[float, float]:
+        """Metres from the start to metres of the grid."""
         x_m = east_m * math.cos(self._angle) - north_m * math.sin(self._angle)
         y_m = east_m * math.sin(self._angle) + north_m * math.cos(self._angle)
-        cell_m = self._grid.cell_m
-        return math.floor((self._start_m[0] + x_m) / cell_m), math.floor((self._start_m[1] + y_m) / cell_m)
+        return self._start_m[0] + x_m, self._start_m[1] + y_m
+
+    def _cell_at(self, east_m: float, north_m: float) -> Cell:
+        """The cell of a place given in metres from the start."""
+        x_m, y_m = self._grid_m(east_m, north_m)
+        return math.floor(x_m / self._grid.cell_m), math.floor(y_m / self._grid.cell_m)
 
     def _to_enu(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Grid metres to metres east and north of the grid's origin: the grid's +y is `heading_deg` from north."""

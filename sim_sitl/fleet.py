@@ -19,7 +19,9 @@ from gatar_edge.sim_sitl.radio import Radio
 from gatar_edge.agent import Agent, Identity, Inbox
 from gatar_edge.allocators.base import Allocator
 from gatar_edge.config import AgentConfig
+from gatar_edge.foxglove import Level
 from gatar_edge.keys import DEMO_KEY
+from gatar_edge.record import Recorder
 from gatar_edge.sim_sitl.body import Body, StackName
 from gatar_edge.sim_sitl.tally import Result, Tally
 from gatar_edge.sim_sitl.world import World, observe
@@ -57,20 +59,6 @@ class FleetConfig:
     def step_ns(self) -> int:
         """A step: the time in which a robot at cruise speed crosses one cell."""
         return int(self.agent.grid.cell_m / self.speed_m_s * NS_PER_S)
-
-
-class Log(Protocol):
-    """What the fleet tells a recorder; see `gatar_edge.record.Recorder`."""
-
-    def observation(self, observation: Observation, now_ns: int) -> None: ...
-    def heard(self, robot_id: int, datagram: bytes, outcome: str, now_ns: int) -> None: ...
-    def sent(self, robot_id: int, datagram: bytes, now_ns: int) -> None: ...
-    def decision(self, decision: Decision, wanted: VehicleCommand, sent: VehicleCommand, now_ns: int) -> None: ...
-    def vehicle(self, robot_id: int, state: VehicleState, now_ns: int) -> None: ...
-    def mavlink(self, robot_id: int, direction: Literal["rx", "tx"], frame: bytes, now_ns: int) -> None: ...
-    def belief(self, robot_id: int, belief: ByteGrid, grid: GridSpec, now_ns: int) -> None: ...
-    def text(self, level: str, robot_id: int, text: str, now_ns: int) -> None: ...
-    def poll(self, now_ns: int) -> None: ...
 
 
 class Gateway(Protocol):
@@ -132,7 +120,7 @@ class Fleet:
         self,
         config: FleetConfig,
         allocator: Callable[[], Allocator],
-        log: Log | None = None,
+        log: Recorder | None = None,
         gateway: Gateway | None = None,
     ) -> None:
         self.config = config
@@ -168,6 +156,8 @@ class Fleet:
                 self._record_wire(robot, now_ns)
         if self.began_ns is None and self._launched(now_ns):
             self.began_ns = self._next_tick_ns = now_ns
+            if self.log is not None:
+                self.log.truth_map(self.config.world.obstacles, self.config.world.targets, now_ns)
             self._launch_m = {robot.robot_id: robot.body.travelled_m for robot in self.robots}
         if self.began_ns is not None:
             self._die()
@@ -195,7 +185,7 @@ class Fleet:
             if robot.alive and self.config.faults.killed(robot.robot_id, self._now_ns - self.began_ns):
                 robot.alive = False
                 if self.log is not None:
-                    self.log.text("warning", robot.robot_id, "killed by the scenario", self._now_ns)
+                    self.log.text(Level.WARNING, robot.robot_id, "killed by the scenario", self._now_ns)
 
     def _positions(self) -> dict[int, Cell]:
         return {robot.robot_id: robot.body.cell for robot in self.robots if robot.alive}
@@ -227,8 +217,10 @@ class Fleet:
         for robot in self.robots:
             if not robot.alive:
                 continue
-            self.tally.visit(robot.body.cell, self.step)
-            seen = observe(self.config.world, robot.robot_id, robot.body.cell, self.config.agent.r_sense, now_ns)
+            cell = robot.body.cell
+            if self.tally.visit(cell, self.step) and self.log is not None:
+                self.log.truth_visit(robot.robot_id, cell, self.step, now_ns)
+            seen = observe(self.config.world, robot.robot_id, cell, self.config.agent.r_sense, now_ns)
             start_ns = time.perf_counter_ns()
             out = robot.agent.tick(now_ns, Inbox(seen))
             latency_ns = time.perf_counter_ns() - start_ns
@@ -239,6 +231,8 @@ class Fleet:
             if self.log is not None:
                 self._record(robot, seen, out.decision, (out.command, sent), now_ns)
         self.tally.decided_together(decisions)
+        if self.log is not None:
+            self.log.truth_positions(((robot.robot_id, *robot.body.xy) for robot in self.robots), now_ns)
 
     def _record_wire(self, robot: Robot, now_ns: int) -> None:
         """Empty the driver's buffers, into the log where there is one."""
@@ -248,7 +242,7 @@ class Fleet:
         for frame in frames:
             self.log.mavlink(robot.robot_id, "tx" if frame.outgoing else "rx", frame.raw, frame.t_ns)
         for event in events:
-            self.log.text("info", robot.robot_id, event.text, event.t_ns)
+            self.log.text(Level.INFO, robot.robot_id, event.text, event.t_ns)
 
     def _record(
         self,
