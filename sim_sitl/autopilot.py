@@ -7,7 +7,8 @@ from collections import deque
 from collections.abc import Callable
 
 from gatar_edge.sim_sitl.ardupilot import ArduPilot
-from gatar_edge.sim_sitl.core import AutopilotConfig, Core, Truth
+from gatar_edge.sim_sitl.autopilot_config import AutopilotConfig, Truth
+from gatar_edge.sim_sitl.core import Core
 from gatar_edge.sim_sitl.failsafe import GroundStationWatch
 from gatar_edge.sim_sitl.orders import Order, Result, acknowledge, order_from
 from gatar_edge.sim_sitl.stack import Stack
@@ -37,6 +38,8 @@ class SimAutopilot:
 
     `blocked(east_m, north_m)`, metres from home, tells a rover where it cannot go. Nothing that is received raises.
     """
+
+    _heartbeat_ns: int
 
     def __init__(self, config: AutopilotConfig, now_ns: int, blocked: Blocked | None = None) -> None:
         self.config = config
@@ -101,7 +104,7 @@ class SimAutopilot:
         self._telemetry = Telemetry(self._core, self._stack.streams)
         self._watch = GroundStationWatch(self._core)
         self._moved_ns = now_ns
-        self._heartbeat_ns: int = now_ns
+        self._heartbeat_ns = now_ns
         self._announced = self._core.mode.number
         self._listed: deque[str] = deque()
         self._stack.booted(self._core)

@@ -76,26 +76,20 @@ def item_from(message: Message) -> Item | None:
 
 def check_ardupilot(item: Item) -> Ack:
     """What ArduPilot answers to an item. NaN yaw is taken, other NaN parameters are not."""
-    if item.command == 0:
-        return Ack.INVALID
-    if item.command not in COMMANDS:
-        return Ack.UNSUPPORTED
-    for param, result in zip(
-        item.params[:3], (Ack.INVALID_PARAM1, Ack.INVALID_PARAM2, Ack.INVALID_PARAM3), strict=True
-    ):
-        if math.isnan(param):
-            return result
-    if item.command not in PLACES:
-        return Ack.ACCEPTED
-    if item.frame not in ARDUPILOT_FRAMES:
-        return Ack.UNSUPPORTED_FRAME
-    if abs(item.x) > 900_000_000:
-        return Ack.INVALID_PARAM5_X
-    if abs(item.y) > 1_800_000_000:
-        return Ack.INVALID_PARAM6_Y
-    if not abs(item.z) < _MAX_ALT_M:
-        return Ack.INVALID_PARAM7
-    return Ack.ACCEPTED
+    nan_of = (Ack.INVALID_PARAM1, Ack.INVALID_PARAM2, Ack.INVALID_PARAM3)
+    found = [
+        (item.command == 0, Ack.INVALID),
+        (item.command not in COMMANDS, Ack.UNSUPPORTED),
+        *((math.isnan(param), result) for param, result in zip(item.params[:3], nan_of, strict=True)),
+    ]
+    if item.command in PLACES:
+        found += [
+            (item.frame not in ARDUPILOT_FRAMES, Ack.UNSUPPORTED_FRAME),
+            (abs(item.x) > 900_000_000, Ack.INVALID_PARAM5_X),
+            (abs(item.y) > 1_800_000_000, Ack.INVALID_PARAM6_Y),
+            (not abs(item.z) < _MAX_ALT_M, Ack.INVALID_PARAM7),  # NaN too
+        ]
+    return next((result for wrong, result in found if wrong), Ack.ACCEPTED)
 
 
 def check_px4(item: Item) -> Ack:

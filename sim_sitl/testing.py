@@ -46,13 +46,13 @@ class Client:
 
     def command(self, number: int, *params: float, **kwargs: Any) -> int | None:
         """Send COMMAND_LONG and return the result, None without an answer."""
-        values = {f"param{i + 1}": (params[i] if i < len(params) else 0.0) for i in range(7)}
+        values: dict[str, Any] = {f"param{i + 1}": (params[i] if i < len(params) else 0.0) for i in range(7)}
         answers = self.send("COMMAND_LONG", command=number, confirmation=0, **values, **kwargs)
         return next((a.result for a in answers if a.get_type() == "COMMAND_ACK" and a.command == number), None)
 
     def command_int(self, number: int, frame: int, x: float, y: float, z: float, *params: float) -> int | None:
         """Send COMMAND_INT (x and y in degrees) and return the result, None without an answer."""
-        values = {f"param{i + 1}": (params[i] if i < len(params) else 0.0) for i in range(4)}
+        values: dict[str, Any] = {f"param{i + 1}": (params[i] if i < len(params) else 0.0) for i in range(4)}
         answers = self.send(
             "COMMAND_INT",
             command=number, frame=frame, current=0, autocontinue=0, x=round(x * 1e7), y=round(y * 1e7), z=z, **values,

@@ -10,6 +10,8 @@ os.environ.setdefault("MAVLINK20", "1")  # read by pymavlink when it is imported
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+__all__ = ["Message", "Send", "Wire", "mavlink"]
+
 Message = Any  # a decoded MAVLink message: pymavlink has no types
 
 _FRAME_MAX_BYTES = 280
