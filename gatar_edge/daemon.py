@@ -199,7 +199,7 @@ class Daemon:
         self._useless_logged = 0
         vehicle = self._ports.vehicle
         state = vehicle.state(now_ns)
-        self.agent.has_vehicle = usable(state, now_ns)
+        self.agent.has_vehicle = usable(state, now_ns, self._settings.dry_run)
         decision = self.agent.decide(now_ns)
         decision = replace(decision, latency_ns=self._ports.clock_ns() - now_ns)
         wanted = to_command(self.agent.identity.kind, decision.assignment)

@@ -112,7 +112,7 @@ class Counters:
         return self.fallbacks_in_a_row >= CRITICAL_AFTER
 
 
-def usable(state: VehicleState, now_ns: int, max_position_age_s: float = 1.0) -> bool:
-    """Whether the robot may take part: the autopilot is heard, knows where it is, and no pilot has taken over."""
+def usable(state: VehicleState, now_ns: int, shadow: bool, max_position_age_s: float = 1.0) -> bool:
+    """Whether the robot may take part: the autopilot is heard, knows its place, and obeys (asked of none in shadow)."""
     fresh = state.position_t_ns >= 0 and now_ns - state.position_t_ns <= max_position_age_s * 1e9
-    return state.connected and fresh and state.phase != "pilot"
+    return state.connected and fresh and (state.ready or shadow)

@@ -15,11 +15,14 @@ from msgspec import Meta, field
 
 from gatar_edge.config import AgentConfig
 from gatar_edge.errors import ConfigError
+from gatar_edge.message import MAX_SPEED_CELLS_S
 from gatar_edge.types import GridSpec, RobotKind
 
 MAX_CONFIG_BYTES = 1_000_000
 
 _Side = Annotated[int, Meta(ge=1, le=1024)]
+_Latitude = Annotated[float, Meta(ge=-89, le=89)]
+_Longitude = Annotated[float, Meta(ge=-180, le=180)]
 _Positive = Annotated[float, Meta(gt=0, le=1e6)]
 
 
@@ -32,14 +35,14 @@ class RobotSection(_Section, frozen=True, kw_only=True):
 
     id: Annotated[int, Meta(ge=1, le=0xFFFF)]  # unique in the team
     kind: Literal["UAV", "UGV"]
-    speed_cells_s: Annotated[float, Meta(gt=0, le=15)] = 0.5  # at cruise; neighbours weigh ways by it
+    speed_m_s: Annotated[float, Meta(gt=0, le=100)] = 5.0  # at cruise; neighbours weigh ways by it
 
 
 class GridSection(_Section, frozen=True, kw_only=True):
     """The shared grid, the same on each robot of the team: see `types.GridSpec`."""
 
-    origin_lat_deg: Annotated[float, Meta(ge=-89, le=89)]
-    origin_lon_deg: Annotated[float, Meta(ge=-180, le=180)]
+    origin_lat_deg: _Latitude
+    origin_lon_deg: _Longitude
     width: _Side = 15
     height: _Side = 15
     cell_m: Annotated[float, Meta(ge=0.1, le=1000)] = 10.0
@@ -88,9 +91,19 @@ class VehicleSection(_Section, frozen=True, kw_only=True):
     """The autopilot and what it may be told."""
 
     url: str  # udpin:host:port, udpout:host:port, tcp:host:port or serial:device:baud
-    sysid: Annotated[int, Meta(ge=0, le=255)] = 0  # of the autopilot; 0: the first one heard
-    altitude_m: Annotated[float, Meta(gt=0, le=500)] = 20.0  # above home, for UAVs
+    sysid: Annotated[int, Meta(ge=0, le=255)] = 0  # of the autopilot; 0: the robot's id
+    altitude_m: Annotated[float, Meta(gt=0, le=500)] = 20.0  # above home, for UAVs: a layer for each
+    altitude_band_m: tuple[float, float] = (2.0, 120.0)  # outside of it nothing is commanded
+    fence: list[tuple[_Latitude, _Longitude]] = field(default_factory=list)  # corners; empty: the grid's rectangle
+    drive: Literal["mission", "guided"] = "mission"  # how a UGV is driven
+    launch: Literal["armed", "auto"] = "armed"  # take over when a person has armed it, or arm it oneself
     on_stop: Literal["hold", "leave"] = "hold"  # what SIGTERM does: stop the vehicle, or leave it to its last order
+
+    def __post_init__(self) -> None:
+        if self.fence and len(self.fence) < 3:
+            raise ValueError(
+                f"fence has {len(self.fence)} corners, must have at least 3, or none for the grid's rectangle"
+            )
 
 
 class PerceptionSection(_Section, frozen=True, kw_only=True):
@@ -147,6 +160,20 @@ class VehicleConfig(_Section, frozen=True, kw_only=True):
     log: LogSection = field(default_factory=LogSection)
     state: StateSection = field(default_factory=StateSection)
     watch: WatchSection = field(default_factory=WatchSection)
+
+    def __post_init__(self) -> None:
+        if not 0 < self.speed_cells_s <= MAX_SPEED_CELLS_S:
+            raise ValueError(
+                f"robot.speed_m_s {self.robot.speed_m_s:g} is {self.speed_cells_s:g} cells/s on cells of "
+                f"{self.grid.cell_m:g} m, must be at most {MAX_SPEED_CELLS_S:g}"
+            )
+        if self.vehicle.sysid == 0 and self.robot.id > 255:
+            raise ValueError(f"robot.id {self.robot.id} is no MAVLink system id: give vehicle.sysid")
+
+    @property
+    def speed_cells_s(self) -> float:
+        """The robot's speed as neighbours read it."""
+        return self.robot.speed_m_s / self.grid.cell_m
 
     @property
     def kind(self) -> RobotKind:

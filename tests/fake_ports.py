@@ -48,10 +48,10 @@ class FakeRadio:
 
 @dataclass
 class FakeVehicle:
-    """Obeys at once; `connected`, `phase` and `position_age_ns` are the test's to set."""
+    """Obeys at once; `connected`, `ready` and `position_age_ns` are the test's to set."""
 
     connected: bool = True
-    phase: str = "flying"
+    ready: bool = True
     position_age_ns: int = 0
     commands: list[VehicleCommand] = field(default_factory=list)
     is_critical: bool = False
@@ -75,9 +75,9 @@ class FakeVehicle:
         return VehicleState(
             now_ns,
             connected=self.connected,
-            ready=True,
+            ready=self.ready,
             position_t_ns=now_ns - self.position_age_ns,
-            phase=self.phase,
+            phase="ready" if self.ready else "pilot",
             cell=(0, 0),
         )
 

@@ -81,7 +81,7 @@ def test_stale_perception_holds_the_vehicle_gives_the_task_back_and_says_so() ->
     assert rig.vehicle.commands[-1] == Goto((5, 5))
 
 
-@pytest.mark.parametrize("fault", [{"connected": False}, {"phase": "pilot"}, {"position_age_ns": 2 * NS_PER_S}])
+@pytest.mark.parametrize("fault", [{"connected": False}, {"ready": False}, {"position_age_ns": 2 * NS_PER_S}])
 def test_a_vehicle_that_cannot_be_commanded_leaves_the_allocation_to_the_others(fault: dict[str, Any]) -> None:
     near, far = Rig(1), Rig(2)
     far.see = lambda: Rig.see(far, cell=(0, 5))  # type: ignore[method-assign]
@@ -127,6 +127,7 @@ def test_a_late_or_broken_model_is_replaced_by_the_fallback_and_three_in_a_row_a
 
 def test_shadow_mode_decides_and_logs_but_commands_and_claims_nothing() -> None:
     rig = Rig(dry_run=True)
+    rig.vehicle.ready = False  # nobody arms it for us
     rig.run(1)
     assert rig.vehicle.commands == []
     decision, wanted, sent, _ = rig.log.of("decision")[-1]
