@@ -7,7 +7,6 @@ from typing import Literal
 
 from gatar_edge.sim_sitl.autopilot import AutopilotConfig, SimAutopilot
 from gatar_edge.sim_sitl.geodesy import LocalFrame
-
 from gatar_edge.sim_sitl.world import World
 from gatar_edge.types import Cell, GridSpec, RobotKind
 

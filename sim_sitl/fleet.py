@@ -6,34 +6,32 @@ advances the time, as fast as it likes (lock-step) or with the wall clock (real 
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
-
-from gatar_edge.bridge.driver import DriverConfig, VehicleDriver
-from gatar_edge.sim_sitl.faults import Faults
-from gatar_edge.sim_sitl.faulty_link import End, FaultyLink
-from gatar_edge.sim_sitl.radio import Radio
+from typing import Protocol
 
 from gatar_edge.agent import Agent, Identity, Inbox
 from gatar_edge.allocators.base import Allocator
+from gatar_edge.bridge.driver import VehicleDriver
+from gatar_edge.bridge.settings import DriverConfig
 from gatar_edge.config import AgentConfig
 from gatar_edge.foxglove import Level
 from gatar_edge.keys import DEMO_KEY
 from gatar_edge.record import Recorder
 from gatar_edge.sim_sitl.body import Body, StackName
+from gatar_edge.sim_sitl.faults import Faults
+from gatar_edge.sim_sitl.faulty_link import End, FaultyLink
+from gatar_edge.sim_sitl.radio import Radio
 from gatar_edge.sim_sitl.tally import Result, Tally
 from gatar_edge.sim_sitl.world import World, observe
 from gatar_edge.types import (
     NS_PER_S,
-    ByteGrid,
     Cell,
     Decision,
-    GridSpec,
     Observation,
     VehicleCommand,
-    VehicleState,
 )
 
 PUMPS = 8  # exchanges between driver and autopilot within one instant, at most
@@ -227,9 +225,10 @@ class Fleet:
             sent = robot.driver.command(out.command, now_ns)
             self.tally.decided(out.decision, latency_ns)
             decisions.append(out.decision)
-            self._send(robot, out.message, positions, now_ns)
             if self.log is not None:
-                self._record(robot, seen, out.decision, (out.command, sent), now_ns)
+                decision = dataclasses.replace(out.decision, latency_ns=latency_ns)
+                self._record(robot, seen, decision, (out.command, sent), now_ns)
+            self._send(robot, out.message, positions, now_ns)
         self.tally.decided_together(decisions)
         if self.log is not None:
             self.log.truth_positions(((robot.robot_id, *robot.body.xy) for robot in self.robots), now_ns)
@@ -253,7 +252,7 @@ class Fleet:
         now_ns: int,
     ) -> None:
         assert self.log is not None
-        self.log.observation(seen, now_ns)
+        self.log.observation(seen)
         self.log.decision(decision, commands[0], commands[1], now_ns)
         self.log.vehicle(robot.robot_id, robot.driver.state(now_ns), now_ns)
         self.log.belief(robot.robot_id, robot.agent.belief, self.config.agent.grid, now_ns)

@@ -9,13 +9,12 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from gatar_edge.sim_sitl.faults import LinkFaults
-from gatar_edge.sim_sitl.radio import Radio
-
 from gatar_edge.agent import Agent, Identity
 from gatar_edge.allocators.base import Allocator
 from gatar_edge.config import AgentConfig
 from gatar_edge.keys import DEMO_KEY
+from gatar_edge.sim_sitl.faults import LinkFaults
+from gatar_edge.sim_sitl.radio import Radio
 from gatar_edge.sim_sitl.tally import Result, Tally
 from gatar_edge.sim_sitl.world import World, observe
 from gatar_edge.types import NS_PER_S, Cell, Decision, RobotKind, TaskKind
