@@ -82,6 +82,12 @@ class MissionClient:
         """Somebody else changed the mission on board: the next upload is sent whatever it is."""
         self.on_board = None
 
+    def abandon(self) -> None:
+        """Stop without another word, also answering late requests: somebody else commands the vehicle."""
+        self._finish(Result.CANCELLED)
+        self._items, self.on_board = (), None
+        self._out.clear()
+
     def receive(self, source: Address, message: Message, now_ns: int) -> None:
         """Take one message from the wire; what is not part of our transfer is ignored."""
         if source != self.vehicle:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 from typing import Any
 
 import msgspec
@@ -21,7 +21,7 @@ FORMAT = 1  # of the log as a whole: raised when an older reader would misread i
 PROFILE = "gatar"  # the MCAP header's profile is PROFILE-FORMAT
 
 
-class Encoding(str, Enum):
+class Encoding(StrEnum):
     """How a topic's messages are written, by the name in the MCAP registry."""
 
     JSON = "json"
@@ -29,7 +29,7 @@ class Encoding(str, Enum):
     MAVLINK = "mavlink"
 
 
-class RadioWay(str, Enum):
+class RadioWay(StrEnum):
     """What happened to a datagram at one robot."""
 
     HEARD = "heard"

@@ -33,8 +33,10 @@ from foxglove_schemas_protobuf import (
 )
 from google.protobuf.descriptor import FileDescriptor
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.message import DecodeError
 from google.protobuf.timestamp_pb2 import Timestamp
 
+from gatar_edge.errors import LogError
 from gatar_edge.types import (
     NS_PER_S,
     BoolGrid,
@@ -72,12 +74,23 @@ class Level(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class LogLine:
+    """A decoded foxglove.Log."""
+
+    level: int
+    name: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class GridMessage:
     """A decoded foxglove.Grid of cell states: uint8 [W, H]."""
 
     cells: ByteGrid
     cell_m: float
 
+
+_LEVELS = {level: Log_pb2.Log.Level.Value(level.name) for level in Level}
 
 MESSAGES: dict[str, Any] = {
     "foxglove.Grid": Grid_pb2.Grid,
@@ -115,16 +128,23 @@ def grid(states: ByteGrid, spec: GridSpec, now_ns: int) -> bytes:
         cell_size=Vector2_pb2.Vector2(x=spec.cell_m, y=spec.cell_m),
         row_stride=states.shape[0],
         cell_stride=1,
-        fields=[PackedElementField_pb2.PackedElementField(name="state", offset=0, type="UINT8")],
+        fields=[
+            PackedElementField_pb2.PackedElementField(
+                name="state", offset=0, type=PackedElementField_pb2.PackedElementField.UINT8
+            )
+        ],
         data=np.ascontiguousarray(states.T).tobytes(),
     )
     return bytes(message.SerializeToString())
 
 
 def read_grid(data: bytes) -> GridMessage:
-    """Inverse of `grid`. Raises ValueError or protobuf's DecodeError where the bytes are not one of ours."""
-    message = Grid_pb2.Grid.FromString(data)
-    rows = np.frombuffer(message.data, dtype=np.uint8).reshape(-1, message.column_count)
+    """Inverse of `grid`. Raises LogError where the bytes are not one of ours."""
+    try:
+        message = Grid_pb2.Grid.FromString(data)
+        rows = np.frombuffer(message.data, dtype=np.uint8).reshape(-1, message.column_count)
+    except (DecodeError, ValueError) as error:
+        raise LogError(f"a message is no grid: {error}") from error
     return GridMessage(np.ascontiguousarray(rows.T), float(message.cell_size.x))
 
 
@@ -170,8 +190,17 @@ def frame(robot_id: int, x_cell: float, y_cell: float, spec: GridSpec, now_ns: i
 def log_line(level: Level, robot_id: int, text: str, now_ns: int) -> bytes:
     """A foxglove.Log."""
     name = robot_frame(robot_id) if robot_id else "run"
-    message = Log_pb2.Log(timestamp=_stamp(now_ns), level=level.value, message=text, name=name)
+    message = Log_pb2.Log(timestamp=_stamp(now_ns), level=_LEVELS[level], message=text, name=name)
     return bytes(message.SerializeToString())
+
+
+def read_log_line(data: bytes) -> LogLine:
+    """Inverse of `log_line`. Raises LogError where the bytes are not one of ours."""
+    try:
+        message = Log_pb2.Log.FromString(data)
+    except DecodeError as error:
+        raise LogError(f"a message is no log line: {error}") from error
+    return LogLine(message.level, message.name, message.message)
 
 
 def robot_scene(decision: Decision, kind: RobotKind, spec: GridSpec, now_ns: int) -> bytes:
@@ -239,7 +268,12 @@ def _line(cells: list[Cell], z: float, color: Any, spec: GridSpec) -> Any:
         x, y = _centre(cell, spec)
         points.append(Point3_pb2.Point3(x=x, y=y, z=z))
     return LinePrimitive_pb2.LinePrimitive(
-        type="LINE_STRIP", pose=_pose(0.0, 0.0, 0.0), thickness=3.0, scale_invariant=True, points=points, color=color
+        type=LinePrimitive_pb2.LinePrimitive.LINE_STRIP,
+        pose=_pose(0.0, 0.0, 0.0),
+        thickness=3.0,
+        scale_invariant=True,
+        points=points,
+        color=color,
     )
 
 

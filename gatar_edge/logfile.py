@@ -1,7 +1,7 @@
-"""The file under a log: written in whole MCAP records or not at all, so that what a kill leaves can be read to its end.
+"""The file under a log: written in whole MCAP records or not at all, so that all that a kill leaves can be read.
 
-The MCAP writer's output is collected and handed to the operating system in one piece at each flush. A kill then finds the
-file ending at a record; a disk that fills up leaves it cut back to the last whole one.
+The MCAP writer's output is collected and handed to the operating system in one piece at each flush. A kill then finds
+the file ending at a record; a disk that fills up leaves it cut back to the last whole one.
 """
 
 from __future__ import annotations

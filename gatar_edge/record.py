@@ -77,7 +77,8 @@ class Recorder:
             self._stream = RecordStream(path)
         except OSError as error:
             raise LogError(f"log {path} cannot be written: {error.strerror}") from error
-        self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)  # type: ignore[arg-type]
+        stream: Any = self._stream  # has what the writer uses of a file; the writer's own methods are partly untyped
+        self._writer: Any = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._open(now_ns)
 
     def _open(self, now_ns: int) -> None:
@@ -272,15 +273,12 @@ class Recorder:
         return self._topics[key]
 
     def _register(self, channel: ch.Channel) -> int:
-        match channel.encoding:
-            case ch.Encoding.JSON:
-                return self._writer.register_schema(
-                    channel.schema, "jsonschema", _encoder.encode(ch.json_schema(channel))
-                )
-            case ch.Encoding.PROTOBUF:
-                return self._writer.register_schema(channel.schema, "protobuf", foxglove.descriptor_set(channel.schema))
-            case ch.Encoding.MAVLINK:
-                return self._writer.register_schema(channel.schema, "", b"")
+        encoding, definition = "", b""  # MAVLink frames describe themselves
+        if channel.encoding is ch.Encoding.JSON:
+            encoding, definition = "jsonschema", _encoder.encode(ch.json_schema(channel))
+        elif channel.encoding is ch.Encoding.PROTOBUF:
+            encoding, definition = "protobuf", foxglove.descriptor_set(channel.schema)
+        return int(self._writer.register_schema(channel.schema, encoding, definition))
 
     def _is_due(self, period_ns: int, now_ns: int) -> bool:
         if now_ns < self._due[period_ns]:

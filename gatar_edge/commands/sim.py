@@ -82,9 +82,8 @@ def fleet_config(
 ) -> FleetConfig:
     """The mission that the options describe. Raises ConfigError and WorldError."""
     from gatar_edge.config import AgentConfig
-    from gatar_edge.sim_sitl.faulty_link import LinkFaults
+    from gatar_edge.sim_sitl.faults import Faults, LinkFaults
     from gatar_edge.sim_sitl.fleet import FleetConfig
-    from gatar_edge.sim_sitl.radio import RadioConfig
     from gatar_edge.sim_sitl.world import Team, random_world
     from gatar_edge.types import GridSpec
 
@@ -95,9 +94,8 @@ def fleet_config(
     return FleetConfig(
         world=world,
         agent=AgentConfig(grid=grid, r_sense=r_sense, r_comm=r_comm),
-        radio=RadioConfig(r_comm=r_comm, loss=loss, seed=seed),
         stacks=tuple(pair[index % 2] for index in range(len(world.team.kinds))),
-        telemetry=LinkFaults(loss=telemetry_loss),
+        faults=Faults(LinkFaults(loss=loss), LinkFaults(loss=telemetry_loss), LinkFaults(loss=telemetry_loss)),
         max_steps=max_steps,
     )
 
@@ -135,7 +133,7 @@ def run_info(config: FleetConfig, allocator: str) -> dict[str, Any]:
         "targets": len(world.targets),
         "step_s": config.step_ns / 1e9,
         "stacks": list(config.stacks),
-        "radio_loss": config.radio.loss,
+        "radio_loss": config.faults.radio.loss,
         "simulated": True,
     }
     return describe_run(config.agent, robots, allocator, extra=extra)
