@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gatar_edge.agent import Agent, Identity
+from gatar_edge.agent import Identity
 from gatar_edge.allocators.base import Allocator
 from gatar_edge.bridge.link import parse_url
 from gatar_edge.bridge.settings import DriverConfig
@@ -59,7 +59,7 @@ def prepare(config: VehicleConfig, unix_ns: int) -> Prepared:
     _check_addresses(config)
     ByteBudget(config.net.bytes_per_s, sends=max(1, len(config.net.peers) + bool(config.net.group)))
     for name, folder in (("log.folder", config.log.folder), ("state.file", str(Path(config.state.file).parent))):
-        if (config.log.folder if name == "log.folder" else config.state.file):
+        if config.log.folder if name == "log.folder" else config.state.file:
             _check_folder(name, Path(folder))
     allocator = make_allocator(config)
     restored = Restored(LoadOutcome.ABSENT)
@@ -115,7 +115,7 @@ def describe(prepared: Prepared, *, dry_run: bool) -> list[str]:
     reach = ", ".join([*net.peers, *([f"group {net.group}"] if net.group else [])]) or "whoever listens"
     share = MESSAGE_BYTES * config.loop.tick_hz * max(1, len(net.peers) + bool(net.group))
     grid = config.grid
-    lines = [
+    return [
         f"robot      {config.kind.name} {config.robot.id}, {config.robot.speed_m_s:g} m/s",
         f"grid       {grid.width} x {grid.height} cells of {grid.cell_m:g} m from {grid.origin_lat_deg:.7f}, "
         f"{grid.origin_lon_deg:.7f}, turned {grid.heading_deg:g} deg; team digest {config.agent.digest():08x}",
@@ -129,7 +129,6 @@ def describe(prepared: Prepared, *, dry_run: bool) -> list[str]:
         f"state      {config.state.file or 'none'} ({prepared.restored.outcome.value}), next message {prepared.seq}",
         f"watch      {config.watch.http or 'none'}",
     ]
-    return lines
 
 
 def open_radio(config: VehicleConfig) -> Transport:

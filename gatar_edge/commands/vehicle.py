@@ -48,9 +48,11 @@ def command(config_path: Path, check: bool, dry_run: bool, verbose: bool) -> Non
 
     _log_to_stderr(verbose)
     orders = Orders()
-    with opened(prepared, anchored_clock(), dry_run=dry_run) as process:
-        with listening_to_signals(orders, process.waiter):
-            serve(process, orders)
+    with (
+        opened(prepared, anchored_clock(), dry_run=dry_run) as process,
+        listening_to_signals(orders, process.waiter),
+    ):
+        serve(process, orders)
 
 
 def _log_to_stderr(verbose: bool) -> None:
