@@ -40,6 +40,11 @@ class Journal:
         """Something worth knowing happened."""
         self._say(Level.INFO, what, now_ns, values)
 
+    def note(self, what: str, now_ns: int) -> None:
+        """Something for the mission log alone."""
+        if self._log is not None:
+            self._log.text(Level.DEBUG, self._robot_id, what, now_ns)
+
     def warning(self, what: str, now_ns: int, **values: Value) -> None:
         """Something is not as it should be; the robot copes."""
         self._say(Level.WARNING, what, now_ns, values)

@@ -70,8 +70,7 @@ def test_paths_are_relative_to_the_file(tmp_path: Path) -> None:
         (("[vehicle]", "[vehicle]\non_stop = 'crash'"), "$.vehicle.on_stop"),
         (("[vehicle]", "[vehicle]\nfence = [[47.0, 8.0], [47.1, 8.0]]"), "fence has 2 corners"),
         (("[vehicle]", "[vehicle]\nfence = [[8.0, 247.0]]"), "$.vehicle.fence[0][1]"),
-        (("[net]", "cell_m = 0.1
-[net]"), "robot.speed_m_s 5 is 50 cells/s"),
+        (("[net]", "cell_m = 0.1\n[net]"), "robot.speed_m_s 5 is 50 cells/s"),
         (("id = 3", "id = 300"), "vehicle.sysid"),
     ],
 )
