@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import pymap3d
 import pytest
@@ -113,7 +114,7 @@ def test_the_simplified_path_runs_through_exactly_the_cells_of_the_path(path: tu
 def test_a_simplified_path_touches_no_cell_off_the_path(path: tuple[Cell, ...]) -> None:
     # sampled along the straight lines between centres, so that a diagonal leg would show
     stops = (path[0], *geo.simplify(path))
-    for a, b in zip(stops, stops[1:], strict=False):
+    for a, b in pairwise(stops):
         for i in range(101):
             x, y = a[0] + (b[0] - a[0]) * i / 100, a[1] + (b[1] - a[1]) * i / 100
             assert (math.floor(x + 0.5), math.floor(y + 0.5)) in path
