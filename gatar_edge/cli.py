@@ -12,6 +12,7 @@ from gatar_edge.errors import GatarError
 
 COMMANDS = {
     "sim": "fly a seeded mission with simulated autopilots",
+    "init": "write the configuration of one vehicle",
     "vehicle": "run the inference daemon of one vehicle",
     "dataset": "make training data with a teacher",
     "train": "train a network",

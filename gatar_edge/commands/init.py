@@ -90,7 +90,9 @@ http = {http}                  # /healthz and /metrics, such as "127.0.0.1:9100"
 @click.option("--allocator", default="gatar", show_default=True)
 @click.option("--listen", default="0.0.0.0:14600", show_default=True, help="Where neighbours are heard.")
 @click.option("--peer", "peers", multiple=True, help="HOST:PORT of a neighbour; may be repeated.")
-@click.option("--group", default="239.255.71.1:14600", show_default=True, help="Multicast group, where no peer is given.")
+@click.option(
+    "--group", default="239.255.71.1:14600", show_default=True, help="Multicast, without peers."
+)
 @click.option("--perception", default="127.0.0.1:14700", show_default=True, help="Where observations come in.")
 @click.option("--launch", type=click.Choice(["armed", "auto"]), default="armed", show_default=True)
 @click.option("--http", default="", help="HOST:PORT of /healthz and /metrics.")
@@ -113,14 +115,16 @@ def command(path: Path, force: bool, key_file: str, origin: str, size: str, **op
     if path.exists() and not force:
         raise ConfigError(f"{path} exists: --force overwrites it, --config writes another")
     key_path = path.parent / key_file
-    made = _make_key(key_path)
+    made = make_key(key_path)
     read_key(key_path)
     try:
         path.write_text(text)
     except OSError as error:
         raise ConfigError(f"{path} cannot be written: {error.strerror}") from error
     click.echo(f"wrote  {path}")
-    click.echo(f"{'made ' if made else 'kept '}  {key_path}" + ("  (copy it to each robot of the team)" if made else ""))
+    click.echo(
+        f"{'made ' if made else 'kept '}  {key_path}" + ("  (copy it to each robot of the team)" if made else "")
+    )
     click.echo(f"\nNext: gatar vehicle --config {path} --check")
 
 
@@ -158,7 +162,7 @@ def _numbers(text: str, separator: str, kind: type[float], option: str, example:
     return first, second
 
 
-def _make_key(path: Path) -> bool:
+def make_key(path: Path) -> bool:
     """Make a key of mode 0600 where there is none; true if one was made. Raises ConfigError."""
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
