@@ -1,0 +1,266 @@
+"""Why a robot did what it did, in words and as data, from one recorded decision and the one before it.
+
+Works on decisions as the log holds them (JSON objects with the fields of `types.Decision`), so that a decision of
+another allocator or an older program is explained as well.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gatar_edge.types import NS_PER_S, RobotKind, TaskKind
+
+Json = dict[str, Any]
+NOBODY = -1
+
+_REASONS = {
+    "allocated": "The {allocator} allocator gave it this target now.",
+    "kept": "It keeps its task: the target is still open, reachable, and claimed by nobody who is nearer.",
+    "frontier": "No open target is left for it, so it goes to see the nearest unknown cell that nobody else covers.",
+    "nothing_left": "No target and nothing reachable to look at is left, so it stays where it is.",
+    "no_perception": "Its own perception is missing or too old, so it stays where it is.",
+}
+
+
+def explain(decision: Json, previous: Json | None, record: Json | None = None) -> Json:
+    """Everything about one decision: what it knew, whom it heard, the candidates, and why this one. See `words`."""
+    candidates = _candidates(decision)
+    return {
+        "robot_id": decision["robot_id"],
+        "tick": decision["tick"],
+        "t_ns": decision["t_ns"],
+        "headline": headline(decision),
+        "why": why(decision, previous, candidates),
+        "assignment": decision["assignment"],
+        "allocator": decision["allocator"],
+        "fallback": decision["fallback"],
+        "retask": decision["retask"],
+        "neighbors": _neighbors(decision),
+        "candidates": candidates,
+        "wanted": (record or {}).get("wanted"),
+        "sent": (record or {}).get("sent"),
+        "latency_ns": decision["latency_ns"],
+    }
+
+
+def words(explanation: Json) -> list[str]:
+    """The explanation as lines of text."""
+    lines = [explanation["headline"], *(f"  {line}" for line in explanation["why"])]
+    neighbors = explanation["neighbors"]
+    lines.append(f"It heard {_count(len(neighbors), 'robot')}:" if neighbors else "It heard nobody.")
+    lines.extend(f"  {neighbor_line(neighbor)}" for neighbor in neighbors)
+    candidates = explanation["candidates"]
+    if candidates:
+        lines.append(f"It knew {_count(len(candidates), 'open target')}, nearest first:")
+        lines.extend(f"  {_candidate_line(candidate)}" for candidate in candidates)
+    if explanation["wanted"] is not None:
+        lines.append(_command_line(explanation["wanted"], explanation["sent"]))
+    lines.append(f"Decided by {explanation['allocator']} in {explanation['latency_ns'] / 1e6:.2f} ms.")
+    return lines
+
+
+def headline(decision: Json) -> str:
+    """One sentence: who does what."""
+    assignment = decision["assignment"]
+    match TaskKind(assignment["kind"]):
+        case TaskKind.TARGET:
+            does = f"goes for the target at {cell_text(assignment['cell'])}, {_way(assignment)}"
+        case TaskKind.EXPLORE:
+            does = f"explores towards {cell_text(assignment['cell'])}, {_way(assignment)}"
+        case TaskKind.HOLD:
+            does = "holds"
+    return f"{_name(decision)} at {cell_text(decision['cell'])} {does}."
+
+
+def why(decision: Json, previous: Json | None, candidates: list[Json]) -> list[str]:
+    """The reasons, the most telling first."""
+    assignment = decision["assignment"]
+    lines = [_REASONS.get(assignment["reason"], assignment["reason"]).format(allocator=decision["allocator"])]
+    if decision["fallback"]:
+        lines.insert(
+            0, f"The configured allocator failed ({decision['fallback']}), so {decision['allocator']} decided."
+        )
+    if previous is not None and previous["assignment"]["cell"] != assignment["cell"]:
+        lines.extend(_change(decision, previous))
+    chosen = _chosen(decision, candidates)
+    lines.extend(_taken_offer(decision, candidates))
+    if chosen is not None:
+        lines.append(_rank(chosen, candidates))
+    nearest = next((c for c in candidates if c["length"] >= 0), None)
+    if nearest is not None and nearest is not chosen and TaskKind(assignment["kind"]) is not TaskKind.HOLD:
+        lines.append(_why_not(nearest, decision))
+    return lines
+
+
+def neighbor_line(neighbor: Json) -> str:
+    """One neighbour in words."""
+    task = {
+        TaskKind.TARGET: f"going for {cell_text(neighbor['task_cell'])}",
+        TaskKind.EXPLORE: f"exploring towards {cell_text(neighbor['task_cell'])}",
+        TaskKind.HOLD: "holding",
+    }[TaskKind(neighbor["task"])]
+    hops = (
+        "in range" if neighbor["hops"] == 1 else f"{neighbor['hops']} hops away" if neighbor["hops"] > 1 else "far away"
+    )
+    attention = f", attention {neighbor['attention']:.0%}" if neighbor["attention"] is not None else ""
+    return (
+        f"{neighbor['name']} at {cell_text(neighbor['cell'])}, {hops}, {neighbor['age_s']:.1f} s old, {task}{attention}"
+    )
+
+
+def cell_text(cell: list[int] | tuple[int, int]) -> str:
+    """A cell as text."""
+    return f"({cell[0]}, {cell[1]})"
+
+
+def _neighbors(decision: Json) -> list[Json]:
+    attention = decision["attention"]
+    return [
+        {
+            "robot_id": robot["robot_id"],
+            "name": f"{RobotKind(robot['kind']).name} {robot['robot_id']}",
+            "cell": robot["cell"],
+            "hops": decision["hops"][row],
+            "age_s": robot["age_ns"] / NS_PER_S,
+            "task": robot["task"],
+            "task_cell": robot["task_cell"],
+            "attention": attention[row] if row < len(attention) else None,
+        }
+        for row, robot in enumerate(decision["robots"])
+        if row > 0
+    ]
+
+
+def _candidates(decision: Json) -> list[Json]:
+    """Known open targets, nearest first, with who gets each in the joint solution and who claims it already."""
+    robots = decision["robots"]
+    given = {choice: robots[row]["robot_id"] for row, choice in enumerate(decision["choices"]) if choice >= 0}
+    claims: dict[tuple[int, ...], int] = {}
+    for robot in robots[1:]:
+        if robot["task"] == TaskKind.TARGET:
+            claims.setdefault(tuple(robot["task_cell"]), robot["robot_id"])
+    found = [
+        {
+            "cell": candidate["cell"],
+            "length": candidate["length"],
+            "score": candidate["score"],
+            "given_to": given.get(index, NOBODY),
+            "claimed_by": claims.get(tuple(candidate["cell"]), NOBODY),
+            "chosen": _is_goal(decision, candidate["cell"]),
+        }
+        for index, candidate in enumerate(decision["candidates"])
+    ]
+    return sorted(found, key=lambda c: (c["length"] < 0, c["length"], c["cell"]))
+
+
+def _is_goal(decision: Json, cell: Any) -> bool:
+    assignment = decision["assignment"]
+    return bool(assignment["kind"] == TaskKind.TARGET and list(assignment["cell"]) == list(cell))
+
+
+def _chosen(decision: Json, candidates: list[Json]) -> Json | None:
+    return next((candidate for candidate in candidates if candidate["chosen"]), None)
+
+
+def _change(decision: Json, previous: Json) -> list[str]:
+    """What became of the task before."""
+    task = previous["assignment"]
+    where = cell_text(task["cell"])
+    match TaskKind(task["kind"]):
+        case TaskKind.HOLD:
+            return []
+        case TaskKind.EXPLORE:
+            return [f"Before, it was exploring towards {where}."]
+        case TaskKind.TARGET if list(task["cell"]) == list(decision["cell"]):
+            return [f"It has just reached its target at {where}."]
+        case TaskKind.TARGET:
+            return [_given_up(decision, task["cell"])]
+
+
+def _given_up(decision: Json, cell: Any) -> str:
+    where = cell_text(cell)
+    still_open = next((c for c in _candidates(decision) if list(c["cell"]) == list(cell)), None)
+    if still_open is None:
+        return f"Its target before, {where}, is not open any more: somebody has localized it, or it was no target."
+    if still_open["length"] < 0:
+        return f"It gave up {where}, which it cannot reach any more."
+    if still_open["claimed_by"] != NOBODY:
+        return f"It gave up {where}: robot {still_open['claimed_by']} is on its way there and nearer in time."
+    if still_open["given_to"] not in (NOBODY, decision["robot_id"]):
+        return f"It gave up {where}: the joint solution now gives it to robot {still_open['given_to']}."
+    return f"It gave up {where} for this."
+
+
+def _taken_offer(decision: Json, candidates: list[Json]) -> list[str]:
+    """The joint solution's own offer to this robot, where somebody else was on the way there already."""
+    offer = next((c for c in candidates if c["given_to"] == decision["robot_id"]), None)
+    if offer is None or offer["chosen"] or offer["claimed_by"] == NOBODY or decision["assignment"]["reason"] == "kept":
+        return []
+    robot = f"robot {offer['claimed_by']}"
+    return [f"The joint solution offers it {cell_text(offer['cell'])}, but {robot} is already on its way there."]
+
+
+def _rank(chosen: Json, candidates: list[Json]) -> str:
+    nearer = sum(0 <= c["length"] < chosen["length"] for c in candidates)
+    if nearer == 0:
+        return f"No open target that it knows is nearer than this one ({_count(chosen['length'], 'cell')})."
+    are = "one is" if nearer == 1 else f"{nearer} are"
+    way = _count(chosen["length"], "cell")
+    return f"Of the {len(candidates)} open targets it knows, {are} nearer than this one ({way})."
+
+
+def _why_not(nearest: Json, decision: Json) -> str:
+    where = f"Not the nearest, {cell_text(nearest['cell'])} at {_count(nearest['length'], 'cell')}"
+    if nearest["claimed_by"] != NOBODY:
+        return f"{where}: robot {nearest['claimed_by']} is already on its way there."
+    if nearest["given_to"] not in (NOBODY, decision["robot_id"]):
+        return f"{where}: the joint solution gives it to robot {nearest['given_to']}."
+    if decision["assignment"]["reason"] == "kept":
+        return f"{where}: a task is not reconsidered before it ends."
+    return f"{where}: the allocator scores it lower ({_score(nearest)})."
+
+
+def _candidate_line(candidate: Json) -> str:
+    marks = []
+    if candidate["chosen"]:
+        marks.append("chosen")
+    if candidate["given_to"] != NOBODY:
+        marks.append(f"joint solution: robot {candidate['given_to']}")
+    if candidate["claimed_by"] != NOBODY:
+        marks.append(f"claimed by robot {candidate['claimed_by']}")
+    length = _count(candidate["length"], "cell") if candidate["length"] >= 0 else "unreachable"
+    notes = f" [{'; '.join(marks)}]" if marks else ""
+    return f"{cell_text(candidate['cell'])}: {length}, score {_score(candidate)}{notes}"
+
+
+def _command_line(wanted: Json, sent: Json | None) -> str:
+    if sent is None or sent == wanted:
+        return f"The vehicle was told: {_command(wanted)}."
+    return f"It wanted {_command(wanted)}; the safety gate let through {_command(sent)}."
+
+
+def _command(command: Json) -> str:
+    match command.get("type"):
+        case "goto":
+            return f"go to {cell_text(command['cell'])}"
+        case "mission":
+            return f"drive {_count(max(0, len(command['cells']) - 1), 'cell')} to {cell_text(command['cells'][-1])}"
+        case _:
+            return f"hold ({command.get('reason', '')})"
+
+
+def _score(candidate: Json) -> str:
+    return "none" if candidate["score"] is None else f"{candidate['score']:.3g}"
+
+
+def _way(assignment: Json) -> str:
+    return f"{_count(max(0, len(assignment['path']) - 1), 'cell')} away"
+
+
+def _name(decision: Json) -> str:
+    kind = RobotKind(decision["robots"][0]["kind"]).name if decision["robots"] else "Robot"
+    return f"{kind} {decision['robot_id']}"
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

@@ -1,0 +1,303 @@
+"""A mission as the page plays it: small enough to travel inside the page, whatever the mission's length.
+
+Positions, beliefs and tasks are kept where they change; times are milliseconds since the start. Of the decisions, those
+that changed something are kept with their explanation.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from gatar_edge import channels as ch
+from gatar_edge import foxglove
+from gatar_edge.review.explain import Json, explain
+from gatar_edge.review.info import Figures, read_figures
+from gatar_edge.review.reader import Entry, LogReader, decoder, json_object
+from gatar_edge.review.summary import summarize
+from gatar_edge.types import ByteGrid, CellState
+
+MAX_EVENTS = 20_000
+MAX_CANDIDATES = 8  # of an explanation on the page; `gatar log explain` shows all
+MAX_LINES = 2_000
+BUCKETS = 300  # points of a chart
+NS_PER_MS = 1_000_000
+
+_positions = decoder(ch.PositionsRecord)
+
+
+@dataclass(slots=True)
+class RobotStory:
+    """What one robot did, as flat lists of numbers."""
+
+    track: list[float] = field(default_factory=list)  # t, x, y, ...: true places, or those of its decisions
+    tasks: list[list[Any]] = field(default_factory=list)  # [t, kind, x, y, event]
+    paths: list[list[int]] = field(default_factory=list)  # [t, x0, y0, x1, y1, ...] corners only
+    links: list[list[int]] = field(default_factory=list)  # [t, id, ...] robots heard directly
+    belief: list[list[int]] = field(default_factory=list)  # [t, cell * 8 + state, ...] of cells that changed
+    known: ByteGrid | None = None
+    previous: Json | None = None
+    vehicle: list[list[Any]] = field(default_factory=list)  # [t, mode, phase, battery]
+
+
+@dataclass(slots=True)
+class Story:
+    """What has been gathered of a mission so far."""
+
+    start_ns: int
+    figures: Figures
+    robots: defaultdict[int, RobotStory] = field(default_factory=lambda: defaultdict(RobotStory))
+    events: list[Json] = field(default_factory=list)
+    events_left_out: int = 0
+    truth: ByteGrid | None = None
+    visits: list[list[Any]] = field(default_factory=list)  # [t, robot, x, y, step]
+    faults: list[list[Any]] = field(default_factory=list)
+    lines: list[list[Any]] = field(default_factory=list)
+    has_truth_tracks: bool = False
+    latencies: list[list[float]] = field(default_factory=list)  # [t, ms] as sampled
+    ages: list[list[float]] = field(default_factory=list)  # [t, s, robots heard]
+    radio: list[list[float]] = field(default_factory=list)  # [t, messages, bytes]
+    stride: int = 1
+
+
+def read_story(log: LogReader) -> Json:
+    """The data of the page for one log. Raises LogError where it cannot be read."""
+    figures = read_figures(log)
+    story = Story(max(figures.first_ns, 0), figures)
+    story.has_truth_tracks = figures.messages[ch.TRUTH_ROBOTS.topic] > 0
+    decisions = sum(robot.decisions for robot in figures.robots.values())
+    story.stride = max(1, decisions // 20_000)
+    for entry in log.messages(lambda channel, _: channel.topic in _HANDLERS):
+        _HANDLERS[entry.channel.topic](story, entry, (entry.log_ns - story.start_ns) // NS_PER_MS)
+    return _page_data(story, summarize(figures, log.damage, log.path.stat().st_size), log.path.name)
+
+
+def _on_decision(story: Story, entry: Entry, t: int) -> None:
+    record = json_object(entry.data)
+    decision: Json = record["decision"]
+    robot = story.robots[entry.robot_id]
+    previous, robot.previous = robot.previous, decision
+    cell, assignment = decision["cell"], decision["assignment"]
+    if not story.has_truth_tracks:
+        _append_place(robot.track, t, cell[0], cell[1])
+    if previous is None or _changed(previous, decision):
+        event = _add_event(story, robot, t, record, previous)
+        robot.tasks.append([t, assignment["kind"], *assignment["cell"], event])
+    if previous is None or previous["assignment"]["path"] != assignment["path"]:
+        robot.paths.append([t, *_corners(assignment["path"])])
+    near = [r["robot_id"] for r, hop in zip(decision["robots"], decision["hops"], strict=False) if hop == 1]
+    if not robot.links or robot.links[-1][1:] != near:
+        robot.links.append([t, *near])
+    if decision["tick"] % story.stride == 0:
+        story.latencies.append([t, decision["latency_ns"] / 1e6])
+        ages = [r["age_ns"] / 1e9 for r in decision["robots"][1:]]
+        story.ages.append([t, sum(ages) / len(ages) if ages else 0.0, len(ages)])
+
+
+def _changed(previous: Json, decision: Json) -> bool:
+    """Whether a reviewer may ask why: another goal, a retask, or another rule that decided."""
+    before, now = previous["assignment"], decision["assignment"]
+    return bool(
+        before["kind"] != now["kind"]
+        or before["cell"] != now["cell"]
+        or decision["retask"]
+        or previous["allocator"] != decision["allocator"]
+        or bool(previous["fallback"]) != bool(decision["fallback"])
+    )
+
+
+def _add_event(story: Story, robot: RobotStory, t: int, record: Json, previous: Json | None) -> int:
+    if len(story.events) >= MAX_EVENTS:
+        story.events_left_out += 1
+        return -1
+    explanation = explain(record["decision"], previous, record)
+    candidates = explanation["candidates"]
+    shown = candidates[:MAX_CANDIDATES] + [c for c in candidates[MAX_CANDIDATES:] if c["chosen"]]
+    story.events.append(
+        {
+            "t": t,
+            "id": explanation["robot_id"],
+            "tick": explanation["tick"],
+            "head": explanation["headline"],
+            "why": explanation["why"],
+            "kind": explanation["assignment"]["kind"],
+            "cell": explanation["assignment"]["cell"],
+            "reason": explanation["assignment"]["reason"],
+            "by": explanation["allocator"],
+            "fallback": explanation["fallback"],
+            "retask": explanation["retask"],
+            "ms": round(explanation["latency_ns"] / 1e6, 3),
+            "heard": [
+                [n["robot_id"], n["hops"], round(n["age_s"], 2), n["task"], *n["task_cell"], _rounded(n["attention"])]
+                for n in explanation["neighbors"]
+            ],
+            "targets": [
+                [*c["cell"], c["length"], _rounded(c["score"]), c["given_to"], c["claimed_by"], int(c["chosen"])]
+                for c in shown
+            ],
+            "known": len(candidates),
+        }
+    )
+    return len(story.events) - 1
+
+
+def _on_positions(story: Story, entry: Entry, t: int) -> None:
+    for place in _positions(entry.data).robots:
+        _append_place(story.robots[place.robot_id].track, t, place.x, place.y)
+
+
+def _append_place(track: list[float], t: int, x: float, y: float) -> None:
+    """Of a robot that stands still, only the first and the last moment are kept."""
+    if len(track) >= 6 and track[-2:] == [x, y] and track[-5:-3] == [x, y]:
+        track[-3] = t
+    else:
+        track.extend((t, x, y))
+
+
+def _on_observation(story: Story, entry: Entry, t: int) -> None:
+    """The place at which a mission starts, before anybody has moved."""
+    robot = story.robots[entry.robot_id]
+    if not robot.track:
+        cell = json_object(entry.data)["cell"]
+        _append_place(robot.track, t, cell[0], cell[1])
+
+
+def _on_belief(story: Story, entry: Entry, t: int) -> None:
+    robot = story.robots[entry.robot_id]
+    states = foxglove.read_grid(entry.data).cells
+    before = robot.known if robot.known is not None and robot.known.shape == states.shape else np.zeros_like(states)
+    changed = np.flatnonzero(before != states)
+    if len(changed):
+        robot.belief.append([t, *(changed * 8 + states.reshape(-1)[changed]).tolist()])
+        robot.known = states
+
+
+def _on_truth(story: Story, entry: Entry, t: int) -> None:
+    if story.truth is None:
+        story.truth = foxglove.read_grid(entry.data).cells
+
+
+def _on_visit(story: Story, entry: Entry, t: int) -> None:
+    visit = json_object(entry.data)
+    story.visits.append([t, visit["robot_id"], *visit["cell"], visit["step"]])
+
+
+def _on_radio(story: Story, entry: Entry, t: int) -> None:
+    sent = [item.get("size", 0) for item in json_object(entry.data)["items"] if item["way"] != ch.RadioWay.HEARD.value]
+    if not story.radio or t - story.radio[-1][0] > story.figures.last_ns // NS_PER_MS // (2 * BUCKETS):
+        story.radio.append([t, 0, 0])
+    story.radio[-1][1] += len(sent)
+    story.radio[-1][2] += sum(sent)
+
+
+def _on_fault(story: Story, entry: Entry, t: int) -> None:
+    fault = json_object(entry.data)
+    if len(story.faults) < MAX_LINES:
+        story.faults.append([t, fault["kind"], fault["robot_id"]])
+
+
+def _on_log(story: Story, entry: Entry, t: int) -> None:
+    if len(story.lines) < MAX_LINES:
+        line = foxglove.read_log_line(entry.data)
+        story.lines.append([t, line.level, line.name, line.text])
+
+
+def _on_vehicle(story: Story, entry: Entry, t: int) -> None:
+    state = json_object(entry.data)["state"]
+    now = [state["mode"], state["phase"], state["battery_percent"]]
+    vehicle = story.robots[entry.robot_id].vehicle
+    if not vehicle or vehicle[-1][1:] != now:
+        vehicle.append([t, *now])
+
+
+_HANDLERS: dict[str, Callable[[Story, Entry, int], None]] = {
+    ch.DECISION.topic: _on_decision,
+    ch.OBSERVATION.topic: _on_observation,
+    ch.TRUTH_ROBOTS.topic: _on_positions,
+    ch.BELIEF.topic: _on_belief,
+    ch.TRUTH_MAP.topic: _on_truth,
+    ch.TRUTH_VISITS.topic: _on_visit,
+    ch.RADIO.topic: _on_radio,
+    ch.FAULTS.topic: _on_fault,
+    ch.LOG.topic: _on_log,
+    ch.VEHICLE.topic: _on_vehicle,
+}
+
+
+def _page_data(story: Story, summary: Json, name: str) -> Json:
+    info = story.figures.run_info
+    config = info.get("config", {})
+    grid = config.get("grid", {"width": 15, "height": 15, "cell_m": 10.0})
+    kinds = {robot["robot_id"]: robot["kind"] for robot in info.get("robots", ())}
+    return {
+        "name": name,
+        "run": summary["run"],
+        "result": summary["result"],
+        "robot_figures": summary["robots"],
+        "health": summary["health"],
+        "finished": summary["finished"],
+        "duration": (story.figures.last_ns - story.start_ns) // NS_PER_MS,
+        "step_ms": float(info.get("step_s", 1.0)) * 1000,
+        "grid": {"w": grid["width"], "h": grid["height"], "cell_m": grid["cell_m"]},
+        "r_sense": config.get("r_sense", 4.0),
+        "r_comm": config.get("r_comm", 6.0),
+        "truth": None if story.truth is None else "".join(map(str, story.truth.reshape(-1).tolist())),
+        "targets": [] if story.truth is None else np.argwhere(story.truth == CellState.TARGET).tolist(),
+        "visits": story.visits,
+        "robots": [_robot(number, kinds.get(number, 0), story.robots[number]) for number in sorted(story.robots)],
+        "events": story.events,
+        "events_left_out": story.events_left_out,
+        "faults": story.faults,
+        "lines": story.lines,
+        "latency": buckets(story.latencies, BUCKETS),
+        "ages": buckets(story.ages, BUCKETS),
+        "radio": story.radio,
+    }
+
+
+def _robot(number: int, kind: int, robot: RobotStory) -> Json:
+    return {
+        "id": number,
+        "kind": kind,
+        "track": robot.track,
+        "tasks": robot.tasks,
+        "paths": robot.paths,
+        "links": robot.links,
+        "belief": robot.belief,
+        "vehicle": robot.vehicle,
+    }
+
+
+def buckets(rows: list[list[float]], most: int) -> list[list[float]]:
+    """Rows [t, value, ...] gathered into at most `most` spans: [t, median, 99th percentile, means of the rest]."""
+    if not rows:
+        return []
+    table = np.array(rows)
+    span = max(1.0, (table[-1, 0] - table[0, 0] + 1) / most)
+    which = ((table[:, 0] - table[0, 0]) // span).astype(int)
+    found = []
+    for bucket in np.unique(which):
+        part = table[which == bucket]
+        low, high = np.percentile(part[:, 1], (50, 99))
+        found.append([int(part[0, 0]), round(float(low), 4), round(float(high), 4), *part[:, 2:].mean(axis=0).round(2)])
+    return found
+
+
+def _corners(path: list[list[int]]) -> list[int]:
+    """The first and last cell of a path and those where it turns, flat."""
+    flat: list[int] = []
+    for index, cell in enumerate(path):
+        if 0 < index < len(path) - 1:
+            before, after = path[index - 1], path[index + 1]
+            if (cell[0] - before[0], cell[1] - before[1]) == (after[0] - cell[0], after[1] - cell[1]):
+                continue
+        flat.extend(cell)
+    return flat
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else float(f"{value:.4g}")
