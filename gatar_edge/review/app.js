@@ -3,7 +3,7 @@
 import { CHARTS, Chart } from "gatar/charts";
 import { Lanes, scrubMarks } from "gatar/lanes";
 import { MapView } from "gatar/map";
-import { Decisions, LEGEND, badges, details, drawRobots, esc, headline, perRobot, put, robotRows, tiles, why } from "gatar/panel";
+import { Decisions, LEGEND, badges, details, drawRobots, esc, headline, perRobot, put, rivalHeadline, robotRows, tiles, why } from "gatar/panel";
 import { KIND, Run, lastAt, unpack } from "gatar/run";
 
 const $ = (id) => document.getElementById(id);
@@ -18,6 +18,7 @@ export async function start() {
   try {
     const blocks = [...document.querySelectorAll("script[data-run]")];
     runs = await Promise.all(blocks.map(async (block) => new Run(await unpack(block.textContent.trim()))));
+    span();
     build();
     window.gatar = { state, runs, seek, follow, play, place: (id) => runs[0].place(runs[0].byId.get(id), state.t) };
     document.body.dataset.ready = "yes";
@@ -34,11 +35,11 @@ function build() {
   setTheme(load("theme") ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
   texts();
   $("maps").innerHTML = runs.map((r, i) => `<figure class="map"><div class="frame"></div><figcaption><strong>${runs.length > 1 ? `${"AB"[i]}: ${esc(headline(r).title)}` : ""}</strong>${i ? "" : LEGEND.map(([name, svg]) => `<span class="key">${svg}${name}</span>`).join("")}</figcaption></figure>`).join("");
-  const options = { redraw, still: () => calm.matches, time: () => state.t, pick: (id) => follow(id ?? 0) };
+  const options = { resized, still: () => calm.matches, time: () => state.t, pick: (id) => follow(id ?? 0) };
   maps = [...document.querySelectorAll(".map .frame")].map((frame, i) => new MapView(runs[i], frame, options));
   robotRows(run, $("robots"), (id) => follow(state.follow === id ? 0 : id));
   $("lanes-legend").innerHTML = '<span class="key"><svg viewBox="0 0 16 16"><rect y="3" width="16" height="10" rx="3" fill="var(--muted)"/></svg>to a target</span><span class="key"><svg viewBox="0 0 16 16"><rect y="5" width="16" height="6" rx="3" fill="var(--muted)" opacity=".35"/></svg>exploring</span><span class="key"><svg viewBox="0 0 16 16"><circle cx="8" cy="8" r="5" fill="var(--done)"/></svg>localized a target</span><span class="key"><svg viewBox="0 0 16 16"><circle cx="8" cy="8" r="3" fill="var(--target)"/></svg>gave one up</span>';
-  lanes = new Lanes(run, $("lanes"), { redraw, seek, pick: follow });
+  lanes = new Lanes(run, $("lanes"), { resized, seek, pick: follow });
   charts = CHARTS.map((chart) => new Chart(chart, runs, $("charts"), seek));
   decisions = new Decisions(run, $("decisions"), { choose: (event) => { pause(); follow(event.id); seek(event.t); } });
   views(); transport(); keys();
@@ -55,8 +56,8 @@ function build() {
 function texts() {
   const head = headline(runs[0]);
   document.title = `${head.title} – gatar`;
-  put($("headline"), head.title);
-  put($("subline"), runs.length > 1 ? `A: ${head.facts}    B: ${headline(runs[1]).facts}` : head.facts);
+  put($("headline"), runs.length > 1 ? rivalHeadline(runs) : head.title);
+  put($("subline"), runs.length > 1 ? `A: ${head.facts}\nB: ${headline(runs[1]).facts}` : head.facts);
   $("badges").innerHTML = badges(runs[0]);
   $("tiles").innerHTML = tiles(runs);
   $("per-robot").innerHTML = perRobot(runs[0]);
@@ -84,6 +85,7 @@ function views() {
   };
 }
 
+function span() { for (const run of runs) run.span = duration(); }
 function duration() { return Math.max(...runs.map((r) => r.duration)); }
 
 function transport() {
@@ -101,6 +103,7 @@ export function play() { if (state.t >= duration()) state.t = 0; setPlaying(true
 function pause() { setPlaying(false); }
 function toggle() { if (state.playing) pause(); else play(); }
 function redraw() { state.dirty = true; }
+function resized() { if (document.body.dataset.ready) draw(); } // at once: a canvas that changed its size is empty
 
 function setPlaying(on) {
   state.playing = on;
@@ -208,7 +211,7 @@ async function refresh() {
     if (!answer.ok) return;
     const atEnd = state.t >= duration() - 1, fresh = new Run(await answer.json());
     if (fresh.duration === runs[0].duration && fresh.finished === runs[0].finished) return;
-    runs[0] = window.gatar.runs[0] = fresh;
+    runs[0] = window.gatar.runs[0] = fresh; span();
     for (const map of maps) { map.run = fresh; map.players.clear(); }
     lanes.run = fresh; lanes.resize();
     $("charts").innerHTML = ""; charts = CHARTS.map((chart) => new Chart(chart, runs, $("charts"), seek));

@@ -80,7 +80,11 @@ export class Chart {
   draw(t) {
     const x = this.x(t).toFixed(2);
     this.cursor.setAttribute("x1", x); this.cursor.setAttribute("x2", x);
-    const text = this.lines.map((l) => { const v = last(l.points, t, 1); return `<span style="color:var(--${l.color.toLowerCase()})">${l.name} ${v === null ? "–" : this.chart.print(v)}${l.run ? " B" : ""}</span>`; }).join("");
+    const value = (l) => { const v = last(l.points, t, 1); return v === null ? "–" : this.chart.print(v); };
+    const text = this.lines.filter((l) => !l.run).map((l) => {
+      const rival = this.lines.find((m) => m.run && m.name === l.name);
+      return `<span style="color:var(--${l.color.toLowerCase()})">${l.name} ${value(l)}${rival ? ` / ${value(rival)}` : ""}</span>`;
+    }).join("");
     if (text !== this.text) this.now.innerHTML = this.text = text;
   }
 }

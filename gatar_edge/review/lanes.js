@@ -30,14 +30,14 @@ export class Lanes {
     }
     this.canvas.style.height = `${this.height}px`;
     this.ratio = ratio; this.drawn = null;
-    this.options.redraw();
+    this.options.resized();
   }
 
-  x(t) { return LEFT + (t / this.run.duration) * (this.width - LEFT - 8); }
-  t(x) { return Math.max(0, Math.min(1, (x - LEFT) / (this.width - LEFT - 8))) * this.run.duration; }
+  x(t) { return LEFT + (t / this.run.span) * (this.width - LEFT - 8); }
+  t(x) { return Math.max(0, Math.min(1, (x - LEFT) / (this.width - LEFT - 8))) * this.run.span; }
 
   draw(t, state) {
-    const key = state.theme + state.follow + this.run.duration;
+    const key = state.theme + state.follow + this.run.span;
     if (this.drawn !== key) { this.paint(state); this.drawn = key; }
     const ctx = this.canvas.getContext("2d");
     ctx.setTransform(1, 0, 0, 1, 0, 0); ctx.clearRect(0, 0, this.canvas.width, this.canvas.height);
@@ -81,7 +81,7 @@ export class Lanes {
   }
 
   axis(ctx, colors) {
-    const seconds = this.run.duration / 1000, most = Math.max(2, (this.width - LEFT) / 86);
+    const seconds = this.run.span / 1000, most = Math.max(2, (this.width - LEFT) / 86);
     const every = [0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600].find((n) => seconds / n <= most) ?? 7200;
     ctx.fillStyle = colors.muted; ctx.font = "11px system-ui, sans-serif"; ctx.textAlign = "center"; ctx.textBaseline = "alphabetic";
     for (let s = 0; s <= seconds; s += every) ctx.fillText(every >= 60 ? `${s / 60} min` : `${s} s`, Math.min(this.width - 16, this.x(s * 1000)), this.height - 4);
@@ -114,7 +114,7 @@ function bar(ctx, x, y, wide, high) { ctx.beginPath(); ctx.roundRect(x, y, wide,
 export function scrubMarks(canvas, run, t, colors) {
   const ratio = window.devicePixelRatio || 1, wide = canvas.clientWidth, high = canvas.clientHeight, r = 8;
   canvas.width = wide * ratio; canvas.height = high * ratio;
-  const ctx = canvas.getContext("2d"), x = (at) => r + (at / run.duration) * (wide - 2 * r), y = high / 2;
+  const ctx = canvas.getContext("2d"), x = (at) => r + (at / run.span) * (wide - 2 * r), y = high / 2;
   ctx.scale(ratio, ratio);
   ctx.fillStyle = colors.line; bar(ctx, r, y - 2.5, wide - 2 * r, 5);
   ctx.fillStyle = colors.ink; bar(ctx, r, y - 2.5, Math.max(2, x(t) - r), 5);

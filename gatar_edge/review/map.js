@@ -26,7 +26,7 @@ export class MapView {
     this.height = Math.max(200, box.height);
     this.canvas.width = Math.round(this.width * this.ratio);
     this.canvas.height = Math.round(this.height * this.ratio);
-    this.options.redraw();
+    this.options.resized();
   }
 
   player(id) {
@@ -42,7 +42,10 @@ export class MapView {
     const { w, h } = this.run.grid;
     let goal = { x: (w - 1) / 2, y: (h - 1) / 2, cells: Math.max(w, h) };
     const robot = this.run.byId.get(follow), place = robot && this.run.place(robot, t);
-    if (place && Math.max(w, h) > FOLLOW_CELLS) goal = { x: place.x, y: place.y, cells: FOLLOW_CELLS };
+    if (place && Math.max(w, h) > FOLLOW_CELLS) {
+      const half = FOLLOW_CELLS / 2, within = (v, size) => (size <= FOLLOW_CELLS ? (size - 1) / 2 : Math.max(half - 0.5, Math.min(size - half - 0.5, v)));
+      goal = { x: within(place.x, w), y: within(place.y, h), cells: FOLLOW_CELLS };
+    }
     const c = this.camera ?? goal, ease = this.options.still() ? 1 : 0.14;
     this.camera = { x: c.x + (goal.x - c.x) * ease, y: c.y + (goal.y - c.y) * ease, cells: c.cells + (goal.cells - c.cells) * ease };
     const inner = Math.min(this.width, this.height) - 2 * MARGIN;
@@ -206,9 +209,12 @@ export class MapView {
     const { ctx } = this, x = this.px(place.x), y = this.py(place.y), color = this.color[KIND[robot.kind]];
     const followed = state.follow === robot.id, r = Math.max(7, Math.min(19, this.cell * 0.37));
     if (followed || !state.follow) {
-      ctx.fillStyle = ctx.strokeStyle = color; ctx.globalAlpha = followed ? 0.1 : 0.045;
+      const { w, h } = this.run.grid;
+      ctx.save(); ctx.beginPath(); ctx.rect(this.px(-0.5), this.py(h - 0.5), w * this.cell, h * this.cell); ctx.clip();
+      ctx.fillStyle = ctx.strokeStyle = color; ctx.globalAlpha = followed ? 0.1 : 0.035;
       ctx.beginPath(); ctx.arc(x, y, (this.run.r_sense + 0.5) * this.cell, 0, 7); ctx.fill();
-      if (followed) { ctx.globalAlpha = 0.5; ctx.lineWidth = 1.2; ctx.setLineDash([3, 4]); ctx.stroke(); ctx.setLineDash([]); }
+      if (followed) { ctx.globalAlpha = 0.5; ctx.lineWidth = 1.2; ctx.setLineDash([3, 4]); ctx.stroke(); }
+      ctx.restore();
     }
     ctx.globalAlpha = state.follow && !followed ? 0.55 : 1;
     ctx.fillStyle = color; ctx.strokeStyle = this.color.halo; ctx.lineWidth = followed ? 3.4 : 2.2;

@@ -31,6 +31,11 @@ export function headline(run) {
   return { title: `${what} ${when}`, facts: facts.filter(Boolean).join(" · ") };
 }
 
+export function rivalHeadline(runs) {
+  const end = (run) => { const r = run.result; return `${r.localized} of ${r.reachable} ${r.steps_100 ? `in ${number(r.steps_100)} steps` : `in ${run.label(run.duration)}`}`; };
+  return `A: ${end(runs[0])}, B: ${end(runs[1])}`;
+}
+
 export function badges(run) {
   const marks = [], health = run.health;
   if (!run.finished) marks.push(["The recording did not end properly", "bad"]);
@@ -47,9 +52,9 @@ export function tiles(runs) {
     ["By step 10 / 20 / 40", (r) => r.localized_by && Object.values(r.localized_by).join("<small>/</small> ")],
     ["Steps to 90 %", (r) => number(r.steps_90)],
     ["Steps to 100 %", (r) => number(r.steps_100)],
-    ["Distance UAV / UGV", (r) => `${number(r.distance_cells.UAV, 0)}<small>/</small> ${number(r.distance_cells.UGV, 0)}<small>cells</small>`],
+    ["Distance UAV / UGV", (r) => `${number(Math.round(r.distance_cells.UAV))}<small>/</small> ${number(Math.round(r.distance_cells.UGV))}<small>cells</small>`],
     ["Tasks given up", (r) => number(r.retasks)],
-    ["Sent per robot", (r) => `${number(r.messages_per_robot, 0)}<small>msgs</small> ${number(r.bytes_per_robot / 1000)}<small>kB</small>`],
+    ["Sent per robot", (r) => `${number(r.bytes_per_robot / 1000)}<small>kB in ${number(Math.round(r.messages_per_robot))}</small>`],
     ["Decision p50 / p99", (r) => `${number(r.decision_p50_us / 1000, 2)}<small>/</small> ${number(r.decision_p99_us / 1000, 2)}<small>ms</small>`],
   ];
   return rows.map(([name, text, part]) => {
