@@ -9,7 +9,7 @@ TORCH  := torch==2.13.0
 .PHONY: demo test lint format browser clean
 
 demo: $(VENV)/.robot
-	$(BIN)/gatar sim --team 3A3G --targets 24 --size 15 --seed 1 --demo
+	$(BIN)/gatar sim --team 3A3G --targets 24 --size 15 --seed 1 --out runs/$$(date +%Y%m%d-%H%M%S)
 
 test: $(VENV)/.test browser lint
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile

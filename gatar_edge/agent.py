@@ -86,6 +86,9 @@ class Agent:
         self._tick = 0
         self._fallback = Greedy()
         self._observation: Observation | None = None
+        self.has_vehicle = True  # set false by the caller while the vehicle cannot be commanded
+        self.shadow = False  # set true by the caller where nothing obeys: tell what is seen, claim nothing
+        self._takes_part = True  # a robot that cannot move says so, and nobody allocates targets to it
 
     @property
     def next_seq(self) -> int:
@@ -117,16 +120,18 @@ class Agent:
         observation = self._observation
         cell = observation.cell if observation is not None else (-1, -1)
         origin = window_origin(self.belief, cell, self._seq)
+        moves = self._takes_part and not self.shadow
+        task = self.task if moves else Task()
         message = NeighborMessage(
             robot_id=self.identity.robot_id,
             kind=self.identity.kind,
             seq=self._seq,
             t_ms=now_ns // 1_000_000,
             cell=cell,
-            speed_cells_s=self.identity.speed_cells_s,
-            task=self.task.kind,
-            task_cell=self.task.cell,
-            cost=float(max(0, len(self.task.path) - 1)),
+            speed_cells_s=self.identity.speed_cells_s if moves else 0.0,
+            task=task.kind,
+            task_cell=task.cell,
+            cost=float(max(0, len(task.path) - 1)),
             window_origin=origin,
             window=window_at(self.belief, origin),
             hops=0,
@@ -140,7 +145,10 @@ class Agent:
         self._tick += 1
         observation = self._observation
         if observation is None or now_ns - observation.t_ns > self.config.perception_max_age_s * NS_PER_S:
-            return self._blind(now_ns)
+            return self._stand_still(now_ns, Reason.NO_PERCEPTION)
+        if not self.has_vehicle:
+            return self._stand_still(now_ns, Reason.NO_VEHICLE)
+        self._takes_part = True
         view = self.view(now_ns, observation)
         allocation, name, fallback = self._allocate(view)
         assignment = decide(view, allocation, self.task, Rules(self.config.keep_task, self.config.r_sense))
@@ -196,8 +204,9 @@ class Agent:
             return False
         return bool(self.belief[self.task.cell] == CellState.TARGET)
 
-    def _blind(self, now_ns: int) -> Decision:
-        """Without fresh perception the robot stands still and says so."""
+    def _stand_still(self, now_ns: int, reason: Reason) -> Decision:
+        """Without fresh perception or a vehicle that obeys, the robot gives its task back and says so."""
+        self._takes_part = False
         cell = self._observation.cell if self._observation is not None else (-1, -1)
         self.task = Task()
         return Decision(
@@ -205,7 +214,7 @@ class Agent:
             tick=self._tick,
             t_ns=now_ns,
             cell=cell,
-            assignment=Assignment(TaskKind.HOLD, cell, Reason.NO_PERCEPTION),
+            assignment=Assignment(TaskKind.HOLD, cell, reason),
             allocator=self.allocator.name,
             fallback="",
             retask=False,

@@ -7,6 +7,7 @@
     ├── LogError                a log is unreadable, foreign, or of a future version
     ├── LinkError               a socket or serial port cannot be opened
     ├── WorldError              a map or scenario cannot be used
+    ├── DeadlineError           an allocator did not answer in time
     └── MissingExtraError       a command needs an optional dependency that is not installed
 
 Expected outcomes of a protocol (a refused mission, a lost link) are enum values, not exceptions. A message says what,
@@ -56,6 +57,10 @@ class LinkError(GatarError):
 
 class WorldError(GatarError):
     """A map or scenario cannot be used."""
+
+
+class DeadlineError(GatarError):
+    """An allocator did not answer in time."""
 
 
 class MissingExtraError(GatarError):

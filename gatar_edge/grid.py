@@ -5,6 +5,8 @@ All motion is 4-connected. A robot plans with what it knows: unknown cells count
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import tcod.constants
 import tcod.map
@@ -30,23 +32,33 @@ def passable(kind: RobotKind, belief: ByteGrid) -> BoolGrid:
 
 
 def path_lengths(kind: RobotKind, cell: Cell, free: BoolGrid) -> IntGrid:
-    """Steps from `cell` to every cell: int32 [W, H], `UNREACHABLE` (-1) where there is no way."""
+    """Steps from `cell` to every cell: int32 [W, H], read-only, `UNREACHABLE` (-1) where there is no way."""
     if kind is RobotKind.UAV:
         return manhattan(cell, free.shape)
-    distance = np.full(free.shape, _TCOD_UNREACHABLE, dtype=np.int32)
+    return _driving_lengths(cell, free.tobytes(), free.shape)
+
+
+# What is known changes less often than it is asked about, and robots that know the same ask the same.
+@lru_cache(maxsize=512)
+def _driving_lengths(cell: Cell, free: bytes, shape: tuple[int, ...]) -> IntGrid:
+    distance = np.full(shape, _TCOD_UNREACHABLE, dtype=np.int32)
     distance[cell] = 0
-    cost = free.astype(np.int8)
+    cost = np.frombuffer(free, dtype=np.int8).reshape(shape).copy()
     cost[cell] = 1  # a robot whose own cell is believed blocked can still leave it
     tcod.path.dijkstra2d(distance, cost, 1, None, out=distance)
     distance[distance == _TCOD_UNREACHABLE] = UNREACHABLE
+    distance.flags.writeable = False
     return distance
 
 
+@lru_cache(maxsize=512)
 def manhattan(cell: Cell, shape: tuple[int, ...]) -> IntGrid:
-    """4-connected distance with nothing in the way: int32 [W, H]."""
+    """4-connected distance with nothing in the way: int32 [W, H], read-only."""
     x = np.abs(np.arange(shape[0], dtype=np.int32) - cell[0])
     y = np.abs(np.arange(shape[1], dtype=np.int32) - cell[1])
-    return x[:, None] + y[None, :]
+    lengths: IntGrid = x[:, None] + y[None, :]
+    lengths.flags.writeable = False
+    return lengths
 
 
 def path_to(goal: Cell, lengths: IntGrid) -> tuple[Cell, ...]:
@@ -67,6 +79,22 @@ def path_to(goal: Cell, lengths: IntGrid) -> tuple[Cell, ...]:
                 break
         path.append(cell)
     return tuple(reversed(path))
+
+
+def simplify(path: tuple[Cell, ...]) -> tuple[Cell, ...]:
+    """The corners of a 4-connected path and its end, without its start: what a ground robot must drive through.
+
+    Legs between corners run along one axis through exactly the path's cells, and the first one stays within them from
+    anywhere in the start cell: nothing cuts an obstacle's corner. A path of one cell gives that cell.
+    """
+    if len(path) < 2:
+        return path
+    turns = [
+        here
+        for before, here, after in zip(path, path[1:], path[2:], strict=False)
+        if (here[0] - before[0], here[1] - before[1]) != (after[0] - here[0], after[1] - here[1])
+    ]
+    return (*turns, path[-1])
 
 
 def _first_steps(lengths: IntGrid, goal: Cell) -> list[tuple[int, int]]:

@@ -64,6 +64,7 @@ class Reason(StrEnum):
     FRONTIER = "frontier"  # no target for this robot: go and see
     NOTHING_LEFT = "nothing_left"  # no target and nothing reachable left to see
     NO_PERCEPTION = "no_perception"  # own observation missing or too old
+    NO_VEHICLE = "no_vehicle"  # the autopilot is lost, without a position, or the pilot has taken over
 
 
 @dataclass(frozen=True, slots=True)

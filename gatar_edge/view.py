@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from gatar_edge.belief import known_targets
 from gatar_edge.grid import UNREACHABLE, passable, path_lengths
-from gatar_edge.types import ByteGrid, Cells, IntGrid, RobotState
+from gatar_edge.types import ByteGrid, Cells, IntGrid, RobotKind, RobotState
 
 Hops = npt.NDArray[np.int8]
 
@@ -43,7 +43,8 @@ def build_view(
 ) -> View:
     """The view of `ego`, with at most `most` targets: the nearest to ego where more are known."""
     robots = (ego, *sorted(others, key=lambda robot: robot.robot_id))
-    distances = np.stack([path_lengths(robot.kind, robot.cell, passable(robot.kind, belief)) for robot in robots])
+    free = {kind: passable(kind, belief) for kind in RobotKind}
+    distances = np.stack([path_lengths(robot.kind, robot.cell, free[robot.kind]) for robot in robots])
     targets = known_targets(belief)
     if len(targets) > most:
         way = distances[0, targets[:, 0], targets[:, 1]]

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-
-from gatar_edge.keys import DEMO_KEY
-from gatar_edge.sim_sitl.radio import Radio, RadioConfig
+from dataclasses import dataclass, field
 
 from gatar_edge.agent import Agent, Identity
 from gatar_edge.allocators.base import Allocator
 from gatar_edge.config import AgentConfig
+from gatar_edge.keys import DEMO_KEY
+from gatar_edge.sim_sitl.faults import LinkFaults
+from gatar_edge.sim_sitl.radio import Radio
 from gatar_edge.sim_sitl.tally import Result, Tally
 from gatar_edge.sim_sitl.world import World, observe
 from gatar_edge.types import NS_PER_S, Cell, Decision, RobotKind, TaskKind
@@ -28,7 +28,7 @@ class GridMission:
 
     world: World
     config: AgentConfig
-    radio: RadioConfig
+    radio: LinkFaults = field(default_factory=LinkFaults)
     max_steps: int = 500
 
 
@@ -39,7 +39,7 @@ def fly(mission: GridMission, allocator: Callable[[], Allocator]) -> Result:
         Agent(Identity(robot_id, kind, 1.0), mission.config, allocator(), DEMO_KEY)
         for robot_id, kind in zip(world.team.ids, world.team.kinds, strict=True)
     ]
-    radio = Radio(mission.radio)
+    radio = Radio(mission.config.r_comm, mission.radio, world.seed)
     cells: list[Cell] = list(world.starts)
     tally = Tally(world, agents[0].allocator.name)
     step = 0

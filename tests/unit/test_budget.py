@@ -27,7 +27,7 @@ def test_within_the_budget_all_is_sent_own_messages_first() -> None:
 @settings(derandomize=True, deadline=None, database=None)
 @given(
     st.integers(512, 5000),
-    st.lists(st.tuples(st.integers(0, NS_PER_S // 2), st.integers(0, 3), st.integers(0, 20)), max_size=60),
+    st.lists(st.tuples(st.integers(0, NS_PER_S // 2), st.integers(0, 40), st.integers(0, 40)), max_size=60),
 )
 def test_no_second_wherever_it_begins_sees_more_than_the_budget(
     bytes_per_s: int, ticks: list[tuple[int, int, int]]
@@ -42,12 +42,25 @@ def test_no_second_wherever_it_begins_sees_more_than_the_budget(
     assert budget.counters.bytes_sent == sum(size for _, size in sent)
 
 
+def test_under_constant_pressure_each_second_is_used_but_not_overdrawn() -> None:
+    budget = ByteBudget(10_000)
+    sizes = [sum(map(len, budget.admit([OWN], relays(40), tick * TICK_NS))) for tick in range(50)]
+    seconds = [sum(sizes[start : start + 6]) for start in range(1, 45)]  # both ends included
+    assert 7_500 < min(seconds) <= max(seconds) <= 10_000
+
+
 def test_own_messages_never_wait_for_relays() -> None:
     budget = ByteBudget(1024)
     for tick in range(100):
         assert budget.admit([OWN], relays(11), tick * TICK_NS)[:1] == [OWN]
     assert budget.counters.own_dropped == 0
     assert budget.counters.relays_dropped > budget.counters.relays_sent > 0
+
+
+def test_relays_leave_room_for_an_own_message_at_any_moment() -> None:
+    budget = ByteBudget(2000)
+    assert len(budget.admit([], relays(11), 0)) == 2
+    assert budget.admit([OWN], [], 0) == [OWN]
 
 
 def test_relays_that_do_not_all_fit_take_turns() -> None:
@@ -77,6 +90,12 @@ def test_a_clock_that_stands_or_goes_back_fills_nothing() -> None:
     assert budget.admit([OWN], [], 0) == []
     assert budget.admit([OWN], [], NS_PER_S + TICK_NS) == []  # 3 + 25 of 127 bytes
     assert budget.admit([OWN], [], NS_PER_S + 5 * TICK_NS) == [OWN]
+
+
+def test_a_clock_that_goes_back_takes_nothing_away() -> None:
+    budget = ByteBudget(512)
+    budget.admit([], [], 1000 * NS_PER_S)
+    assert budget.admit([OWN] * 3, [], 0) == [OWN] * 3
 
 
 def test_a_message_to_several_peers_costs_its_bytes_for_each() -> None:

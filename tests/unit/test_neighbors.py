@@ -141,6 +141,14 @@ def test_a_neighbour_leaves_when_it_was_not_heard_for_longer_than_the_limit() ->
     assert fresh_ids(hearing, NS_PER_S + MAX_AGE_NS + 1) == []
 
 
+def test_one_that_speaks_again_stays_when_others_leave() -> None:
+    hearing = table()
+    hearing.hear(sent(robot_id=2), 0)
+    hearing.hear(sent(robot_id=3), 0)
+    hearing.hear(sent(robot_id=2, seq=11), MAX_AGE_NS)
+    assert fresh_ids(hearing, MAX_AGE_NS + 1) == [2]
+
+
 def test_a_recording_does_not_bring_a_silent_robot_back() -> None:
     hearing = table()
     hearing.hear(sent(), 0)
@@ -169,7 +177,7 @@ def test_neighbours_are_sorted_by_id_whatever_the_order_of_reception() -> None:
 
 def test_of_too_many_neighbours_the_nearest_are_used_and_of_equals_the_lower_ids() -> None:
     hearing = table(max_neighbors=3)
-    for robot_id, cell in ((5, (10, 10)), (6, (13, 14)), (7, (9, 10)), (8, (11, 10)), (9, (-500, 0))):
+    for robot_id, cell in ((5, (10, 10)), (6, (13, 14)), (7, (9, 10)), (8, (11, 10)), (9, (-500, 0)), (10, (10, 11))):
         hearing.hear(sent(robot_id=robot_id, cell=cell), 0)
     assert fresh_ids(hearing, 0, own_cell=(10, 10)) == [5, 7, 8]
     assert fresh_ids(hearing, 0, own_cell=(-499, 0)) == [5, 7, 9]

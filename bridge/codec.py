@@ -1,0 +1,126 @@
+"""MAVLink 2 bytes to `wire` messages and back: with `link`, the only file that knows pymavlink.
+
+Rule 1: `parse` never raises, whatever the bytes. Rule 2: what is returned by `encode` is a complete MAVLink 2 frame.
+Rule 3: MISSION_ITEM and MISSION_REQUEST, deprecated because their coordinates are floats, are never sent.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Callable
+from typing import Any
+
+from gatar_edge.bridge import wire
+from gatar_edge.bridge.wire import Message, Received
+
+os.environ["MAVLINK20"] = "1"  # read by pymavlink when it is imported
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+# One datagram or one read of a serial port is far smaller; more than this in one go is not ours.
+MAX_PARSE_BYTES = 65536
+
+_V2_MAGIC = 0xFD
+_V2_SIGNED = 0x01
+_SIGNATURE_BYTES = 13
+
+
+class Codec:
+    """One stream's encoder (own identity and sequence number) and parser. Not shared between streams."""
+
+    def __init__(self, sysid: int, compid: int) -> None:
+        self.address: wire.Address = (sysid, compid)
+        self._mav = mavlink.MAVLink(io.BytesIO(), srcSystem=sysid, srcComponent=compid)
+        self._mav.robust_parsing = True
+        self.bad_bytes = 0  # received and not part of any valid frame
+
+    def encode(self, message: Message) -> bytes:
+        """The frame of a message that a companion sends; `KeyError` for one that it never does."""
+        frame: bytes = _BUILDERS[type(message)](message).pack(self._mav)
+        self._mav.seq = (self._mav.seq + 1) % 256
+        return frame
+
+    def parse(self, data: bytes) -> list[Received]:
+        """All frames that end in `data`, in order. Damage is counted in `bad_bytes` and skipped."""
+        self.bad_bytes += max(0, len(data) - MAX_PARSE_BYTES)
+        frames = self._mav.parse_buffer(data[:MAX_PARSE_BYTES]) or []
+        return [r for r in map(self._received, frames) if r is not None]
+
+    def _received(self, frame: Any) -> Received | None:
+        raw = bytes(frame.get_msgbuf())
+        if frame.get_type() == "BAD_DATA":
+            self.bad_bytes += len(raw)
+            return None
+        if frame.get_type().startswith("UNKNOWN"):  # of another dialect: its checksum cannot be checked
+            return None
+        read = _READERS.get(frame.get_msgId())
+        source = (frame.get_srcSystem(), frame.get_srcComponent())
+        return Received(source, frame.get_msgId(), strip_signature(raw), read(frame) if read is not None else None)
+
+
+def strip_signature(frame: bytes) -> bytes:
+    """A MAVLink 2 frame without its 13 signature bytes, for logs. The flag stays, as it is under the checksum."""
+    signed = len(frame) > 12 and frame[0] == _V2_MAGIC and frame[2] & _V2_SIGNED
+    return frame[:-_SIGNATURE_BYTES] if signed else frame
+
+
+def message_id(frame: bytes) -> int:
+    """The message id of one complete frame of MAVLink 2 or 1."""
+    return int.from_bytes(frame[7:10], "little") if frame[0] == _V2_MAGIC else frame[5]
+
+
+def _item(m: Any) -> wire.MissionItemAt:
+    item = wire.MissionItem(m.frame, m.command, (m.param1, m.param2, m.param3, m.param4), m.x, m.y, m.z)
+    return wire.MissionItemAt((m.target_system, m.target_component), m.seq, item, m.mission_type)
+
+
+def _item_frame(m: wire.MissionItemAt) -> Any:
+    i = m.item
+    return mavlink.MAVLink_mission_item_int_message(
+        *m.target, m.seq, i.frame, i.command, 0, 1, *i.params, i.lat_e7, i.lon_e7, i.alt_m, m.mission_type
+    )
+
+
+def _text(m: Any) -> wire.StatusText:
+    return wire.StatusText(m.severity, m.text if isinstance(m.text, str) else m.text.decode("ascii", "replace"))
+
+
+def _position_target(m: Any) -> wire.PositionTarget:
+    return wire.PositionTarget(m.lat_int, m.lon_int, m.alt)
+
+
+# message id -> reader. A reader may not fail on any field value that fits the message.
+_READERS: dict[int, Callable[[Any], Message]] = {
+    0: lambda m: wire.Heartbeat(m.type, m.autopilot, m.base_mode, m.custom_mode, m.system_status),
+    1: lambda m: wire.SysStatus(m.battery_remaining),
+    33: lambda m: wire.GlobalPosition(m.lat, m.lon, m.alt, m.relative_alt, m.vx, m.vy, m.hdg),
+    40: lambda m: wire.MissionRequest((m.target_system, m.target_component), m.seq, m.mission_type),
+    42: lambda m: wire.MissionCurrent(m.seq, m.total, m.mission_state),
+    44: lambda m: wire.MissionCount((m.target_system, m.target_component), m.count, m.mission_type),
+    47: lambda m: wire.MissionAck((m.target_system, m.target_component), m.type, m.mission_type),
+    51: lambda m: wire.MissionRequest((m.target_system, m.target_component), m.seq, m.mission_type),
+    73: _item,
+    77: lambda m: wire.CommandAck(m.command, m.result, (m.target_system, m.target_component)),
+    87: _position_target,
+    242: lambda m: wire.HomePosition(m.latitude, m.longitude, m.altitude),
+    245: lambda m: wire.ExtendedSysState(m.landed_state),
+    253: _text,
+}
+
+# message type -> builder of the pymavlink message, unsent and unpacked
+_BUILDERS: dict[type, Callable[[Any], Any]] = {
+    wire.Heartbeat: lambda m: mavlink.MAVLink_heartbeat_message(
+        m.type, m.autopilot, m.base_mode, m.custom_mode, m.system_status, 3
+    ),
+    wire.CommandLong: lambda m: mavlink.MAVLink_command_long_message(*m.to, m.command, 0, *m.params),
+    wire.CommandInt: lambda m: mavlink.MAVLink_command_int_message(
+        *m.to, m.frame, m.command, 0, 0, *m.params, m.lat_e7, m.lon_e7, m.alt_m
+    ),
+    wire.MissionCount: lambda m: mavlink.MAVLink_mission_count_message(*m.target, m.count, m.mission_type),
+    wire.MissionRequest: lambda m: mavlink.MAVLink_mission_request_int_message(*m.target, m.seq, m.mission_type),
+    wire.MissionItemAt: _item_frame,
+    wire.MissionAck: lambda m: mavlink.MAVLink_mission_ack_message(*m.target, m.result, m.mission_type),
+    wire.MissionRequestList: lambda m: mavlink.MAVLink_mission_request_list_message(*m.target, m.mission_type),
+    wire.MissionClearAll: lambda m: mavlink.MAVLink_mission_clear_all_message(*m.target, m.mission_type),
+    wire.MissionSetCurrent: lambda m: mavlink.MAVLink_mission_set_current_message(*m.target, m.seq),
+}

@@ -1,0 +1,253 @@
+"""One vehicle's driver: bytes in, bytes out, commands through the gate. Sans-IO; the caller owns sockets and time.
+
+driver = VehicleDriver(config, now_ns)
+driver.receive(data, now_ns)            # whatever came from the wire
+driver.command(Goto((3, 4)), now_ns)    # what the robot wants; returns what is really pursued
+link.send(driver.poll(now_ns))          # the working loop: heartbeat, requests, retries
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+from gatar_edge.bridge import wire
+from gatar_edge.bridge.codec import Codec
+from gatar_edge.bridge.geo import expand, wgs84_to_cell, wgs84_to_grid_m
+from gatar_edge.bridge.launch import Phase
+from gatar_edge.bridge.profiles import Unsupported, choose
+from gatar_edge.bridge.safety import Known, Refusal, gate
+from gatar_edge.bridge.settings import DriverConfig
+from gatar_edge.bridge.status import DriverEvent, EventKind, Status
+from gatar_edge.bridge.vehicle import Vehicle
+from gatar_edge.types import NS_PER_S, Cell, Hold, Mission, VehicleCommand, VehicleState
+
+MAX_EVENTS = 1000
+MAX_FRAMES = 8192
+
+
+@dataclass(frozen=True, slots=True)
+class FrameRecord:
+    """One raw MAVLink frame for the log, without its signature."""
+
+    t_ns: int
+    outgoing: bool
+    raw: bytes
+
+
+class VehicleDriver:
+    """Drives one vehicle. Nothing that a peer sends makes it raise."""
+
+    def __init__(self, config: DriverConfig, now_ns: int) -> None:
+        self.config = config
+        self._codec = Codec(config.sysid, config.compid)
+        self._limits = config.limits()
+        self._vehicle: Vehicle | None = None
+        self._unsupported: str | None = None
+        self._launch = config.auto_launch
+        self._connected = False
+        self._pursued: VehicleCommand = Hold("no command yet")
+        self._start_cell: Cell | None = None  # where the pursued mission began
+        self._pursued_ns = self._retasked_ns = -1
+        self._retasks = 0
+        self._heartbeat_ns = now_ns - round(NS_PER_S / config.heartbeat_hz)
+        self._critical = False
+        self._critical_ns: int | None = None
+        self._events: deque[DriverEvent] = deque(maxlen=MAX_EVENTS)
+        self._frames: deque[FrameRecord] = deque(maxlen=MAX_FRAMES)
+
+    # --- what the caller does ---
+
+    def receive(self, data: bytes, now_ns: int) -> None:
+        """Take bytes from the wire, whole frames or pieces; frames of other vehicles are ignored."""
+        for frame in self._codec.parse(data):
+            if frame.source[0] != self.config.sysid:
+                continue
+            if self.config.log_frames and frame.message_id != wire.MessageId.SETUP_SIGNING:
+                self._frames.append(FrameRecord(now_ns, False, frame.raw))
+            if self._vehicle is None:
+                self._look_at(frame, now_ns)
+            if self._vehicle is not None and frame.source == self._vehicle.address:
+                self._vehicle.receive(frame, now_ns)
+
+    def command(self, wanted: VehicleCommand, now_ns: int) -> VehicleCommand:
+        """Want this from now on. Returns what passed the gate and is pursued; the same again changes nothing."""
+        passed = gate(wanted, self._known(now_ns), self._limits)
+        if passed not in (wanted, self._pursued) and isinstance(passed, Hold):
+            self._tell(now_ns, EventKind.GATE, f"{wanted} -> {passed.reason}")
+        if self._unchanged(passed, now_ns):
+            if isinstance(passed, Hold):
+                self._pursued = passed  # perhaps for another reason
+            return self._pursued
+        if not isinstance(passed, Hold):
+            self._retasks += passed != self._pursued
+            self._retasked_ns = now_ns
+        self._pursued, self._pursued_ns, self._start_cell = passed, now_ns, self._cell()
+        self._tell(now_ns, EventKind.COMMAND, str(passed))
+        if self._vehicle is not None:
+            self._vehicle.pursue(passed, now_ns)
+        return passed
+
+    def poll(self, now_ns: int) -> bytes:
+        """All bytes to send now. Call it from the working loop: it is what proves to the vehicle that we live."""
+        out: list[wire.Message] = [*self._heartbeat(now_ns)]
+        if self._vehicle is not None:
+            out += self._vehicle.poll(now_ns, self._launch)
+            self._events.extend(self._vehicle.events)
+            self._vehicle.events.clear()
+            if self._vehicle.launch.phase is Phase.PILOT and not isinstance(self._pursued, Hold):
+                self._pursued = Hold(Refusal.PILOT.value)
+            self._watch_connection(self._vehicle.connected(now_ns), now_ns)
+        return b"".join([self._encode(message, now_ns) for message in out])
+
+    def launch(self) -> None:
+        """Arm and take off when possible, where `auto_launch` is off."""
+        self._launch = True
+
+    def enable(self, now_ns: int) -> None:
+        """Command again after a pilot had control."""
+        if self._vehicle is not None:
+            self._vehicle.enable(now_ns)
+
+    def health(self, critical: bool) -> None:
+        """Tell that the robot's own loop fails: the heartbeat says CRITICAL, and after `critical_s` falls silent."""
+        self._critical = critical
+
+    def events(self) -> tuple[DriverEvent, ...]:
+        """What happened since the last call."""
+        events = tuple(self._events)
+        self._events.clear()
+        return events
+
+    def frames(self) -> tuple[FrameRecord, ...]:
+        """Raw frames both ways since the last call; SETUP_SIGNING is never among them."""
+        frames = tuple(self._frames)
+        self._frames.clear()
+        return frames
+
+    @property
+    def status(self) -> Status:
+        """How the pursuit of the current command goes."""
+        return self._vehicle.status if self._vehicle is not None else Status.IDLE
+
+    def state(self, now_ns: int) -> VehicleState:
+        """What is known of the vehicle."""
+        vehicle = self._vehicle
+        if vehicle is None:
+            phase = Phase.UNSUPPORTED if self._unsupported else Phase.SEARCHING
+            return VehicleState(now_ns, phase=phase.value, details={"unsupported": self._unsupported or ""})
+        seen, position = vehicle.seen, vehicle.seen.position
+        lat_lon = seen.lat_lon_deg or (math.nan, math.nan)
+        return VehicleState(
+            t_ns=now_ns,
+            connected=vehicle.connected(now_ns),
+            armed=seen.armed,
+            ready=vehicle.ready(now_ns),
+            mode="" if seen.custom_mode is None else vehicle.profile.mode_name(seen.custom_mode),
+            lat_deg=lat_lon[0],
+            lon_deg=lat_lon[1],
+            alt_rel_m=seen.alt_rel_m,
+            speed_m_s=math.hypot(position.north_cm_s, position.east_cm_s) / 100 if position else 0.0,
+            heading_deg=position.heading_cdeg / 100 if position and position.heading_cdeg != 65535 else 0.0,
+            battery_percent=seen.battery_percent,
+            position_t_ns=seen.position_ns,
+            cell=self._cell(),
+            phase=vehicle.launch.phase.value,
+            details=self._details(vehicle),
+        )
+
+    # --- inside ---
+
+    def _details(self, vehicle: Vehicle) -> dict[str, object]:
+        result = vehicle.transfer.result
+        return {
+            "profile": vehicle.profile.name,
+            "status": vehicle.status.value,
+            "retasks": self._retasks,
+            "transfer": result.name if result is not None else vehicle.transfer.step.name,
+            "bad_bytes": self._codec.bad_bytes,
+        }
+
+    def _look_at(self, frame: wire.Received, now_ns: int) -> None:
+        """Find the autopilot: the first heartbeat on a link may be a ground station, a gimbal or another companion."""
+        heartbeat = frame.message
+        if not isinstance(heartbeat, wire.Heartbeat) or heartbeat.autopilot == wire.AUTOPILOT_INVALID:
+            return
+        profile = choose(heartbeat.autopilot, heartbeat.type)
+        if isinstance(profile, Unsupported):
+            text: str | None = profile.text
+        elif profile.kind is not self.config.kind:
+            text = f"vehicle {self.config.sysid} is {profile.name}, configured as {self.config.kind.name}"
+        else:
+            text = None
+            self._vehicle = Vehicle(self.config, profile, frame.source, now_ns)
+            self._tell(now_ns, EventKind.PHASE, f"found {profile.name} at {frame.source}")
+        if text is not None and text != self._unsupported:
+            self._tell(now_ns, EventKind.UNSUPPORTED, text)
+        self._unsupported = text
+
+    def _cell(self) -> Cell | None:
+        lat_lon = self._vehicle.seen.lat_lon_deg if self._vehicle is not None else None
+        return wgs84_to_cell(self.config.grid, *lat_lon) if lat_lon is not None else None
+
+    def _known(self, now_ns: int) -> Known:
+        vehicle = self._vehicle
+        lat_lon = vehicle.seen.lat_lon_deg if vehicle is not None else None
+        return Known(
+            now_ns=now_ns,
+            pilot=vehicle is not None and vehicle.launch.phase is Phase.PILOT,
+            ready=vehicle is not None and vehicle.ready(now_ns),
+            home=vehicle is not None and vehicle.seen.home is not None,
+            position_m=wgs84_to_grid_m(self.config.grid, *lat_lon) if lat_lon is not None else None,
+            position_ns=vehicle.seen.position_ns if vehicle is not None else -1,
+            pursued=self._pursued,
+            retasked_ns=self._retasked_ns,
+        )
+
+    def _unchanged(self, passed: VehicleCommand, now_ns: int) -> bool:
+        """Whether nothing new has to be sent for `passed`."""
+        if isinstance(passed, Hold):
+            return isinstance(self._pursued, Hold)
+        failed = self.status.failed and self.status is not Status.NOT_PROGRESSING
+        if failed and now_ns - self._pursued_ns >= self.config.failed_retry_s * NS_PER_S:
+            return False
+        return passed == self._pursued or self._is_rest_of_pursued(passed)
+
+    def _is_rest_of_pursued(self, passed: VehicleCommand) -> bool:
+        """Whether a mission is what remains of the pursued one: paths are planned anew from the robot's own cell."""
+        if not isinstance(passed, Mission) or not isinstance(self._pursued, Mission) or self._start_cell is None:
+            return False
+        cell, path = self._cell(), expand(self._start_cell, self._pursued.cells)
+        if path is None or cell is None or cell not in path:
+            return False
+        behind = set(path[: path.index(cell) + 1])
+        ahead = tuple(c for c in self._pursued.cells if c not in behind)
+        return passed.cells == (ahead or self._pursued.cells[-1:])
+
+    def _heartbeat(self, now_ns: int) -> list[wire.Message]:
+        if not self._critical:
+            self._critical_ns = None
+        elif self._critical_ns is None:
+            self._critical_ns = now_ns
+        if self._critical_ns is not None and now_ns - self._critical_ns > self.config.critical_s * NS_PER_S:
+            return []
+        if now_ns - self._heartbeat_ns < NS_PER_S / self.config.heartbeat_hz:
+            return []
+        self._heartbeat_ns = now_ns
+        state = wire.STATE_CRITICAL if self._critical else wire.STATE_ACTIVE
+        return [wire.Heartbeat(wire.TYPE_ONBOARD_CONTROLLER, wire.AUTOPILOT_INVALID, 0, 0, state)]
+
+    def _watch_connection(self, connected: bool, now_ns: int) -> None:
+        if connected != self._connected:
+            self._connected = connected
+            self._tell(now_ns, EventKind.CONNECTED if connected else EventKind.LOST, "heartbeat of the autopilot")
+
+    def _encode(self, message: wire.Message, now_ns: int) -> bytes:
+        frame = self._codec.encode(message)
+        if self.config.log_frames:
+            self._frames.append(FrameRecord(now_ns, True, frame))
+        return frame
+
+    def _tell(self, now_ns: int, kind: EventKind, text: str) -> None:
+        self._events.append(DriverEvent(now_ns, kind, text))

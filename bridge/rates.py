@@ -1,0 +1,56 @@
+"""Message rates: asked for, counted, and asked for again where they fall short: a ground station may change them.
+
+SET_MESSAGE_INTERVAL's acknowledgement does not say for which message it is, and does not prove anything: only the
+messages that arrive do. So nothing here waits for one.
+"""
+
+from __future__ import annotations
+
+from gatar_edge.bridge.wire import Address, Command, CommandLong, Message, MessageId
+from gatar_edge.types import NS_PER_S
+
+WANTED_HZ: dict[int, float] = {
+    MessageId.GLOBAL_POSITION_INT: 5.0,
+    MessageId.MISSION_CURRENT: 2.0,
+    MessageId.POSITION_TARGET_GLOBAL_INT: 2.0,
+    MessageId.EXTENDED_SYS_STATE: 1.0,
+    MessageId.SYS_STATUS: 0.5,
+}
+WINDOW_NS = 10 * NS_PER_S
+ENOUGH = 0.8  # of the wanted rate
+HOME_RETRY_NS = NS_PER_S
+
+
+class RateWatch:
+    """Keeps one autopilot telling what is needed, and asks for its home until it is known."""
+
+    def __init__(self, vehicle: Address, now_ns: int) -> None:
+        self._vehicle = vehicle
+        self._counts = dict.fromkeys(WANTED_HZ, 0)
+        self._window_ns = now_ns
+        self._home_asked_ns = now_ns - HOME_RETRY_NS
+        self._short: list[int] = list(WANTED_HZ)
+
+    def count(self, message_id: int) -> None:
+        """Take note of a message from the autopilot."""
+        if message_id in self._counts:
+            self._counts[message_id] += 1
+
+    def poll(self, home_known: bool, now_ns: int) -> tuple[list[Message], list[int]]:
+        """Messages to send now, and the ids whose rate had fallen short."""
+        short: list[int] = []
+        if now_ns - self._window_ns >= WINDOW_NS:
+            window_s = (now_ns - self._window_ns) / NS_PER_S
+            short = [i for i, n in self._counts.items() if n < ENOUGH * WANTED_HZ[i] * window_s]
+            self._short += short
+            self._counts = dict.fromkeys(WANTED_HZ, 0)
+            self._window_ns = now_ns
+        out: list[Message] = [self._long(Command.SET_MESSAGE_INTERVAL, i, 1e6 / WANTED_HZ[i]) for i in self._short]
+        self._short = []
+        if not home_known and now_ns - self._home_asked_ns >= HOME_RETRY_NS:
+            self._home_asked_ns = now_ns
+            out.append(self._long(Command.REQUEST_MESSAGE, MessageId.HOME_POSITION, 0.0))
+        return out, short
+
+    def _long(self, command: int, p1: float, p2: float) -> CommandLong:
+        return CommandLong(self._vehicle, command, (p1, p2, 0.0, 0.0, 0.0, 0.0, 0.0))

@@ -1,0 +1,115 @@
+"""The gate: every command to a vehicle passes `gate`, which returns the command that is really pursued.
+
+Rule 1: it is a pure function of what is wanted and what is known. Rule 2: what it cannot prove allowed becomes a Hold
+that names the reason. Rule 3: a Hold itself is always allowed. The vehicle's own fence is no substitute: Copter refuses
+outside targets in silence and keeps the old one, Rover stops in silence, PX4 accepts latitude 95 and NaN.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import pairwise
+from typing import Any
+
+from gatar_edge.bridge.geo import Point, cell_centre_m, inside_grid, point_inside, segment_inside
+from gatar_edge.types import Goto, GridSpec, Hold, Mission, VehicleCommand
+
+
+class Refusal(StrEnum):
+    """Why a command was turned into a Hold; the value is the Hold's reason."""
+
+    PILOT = "refused: the pilot has control"
+    NOT_READY = "refused: the vehicle is not ready"
+    NO_HOME = "refused: home is not known"
+    NO_POSITION = "refused: the position is not known"
+    STALE_POSITION = "refused: the position is too old"
+    NOT_FINITE = "refused: not a finite number"
+    EMPTY = "refused: a mission without cells"
+    OUTSIDE_GRID = "refused: outside the grid"
+    OUTSIDE_FENCE = "refused: outside the fence"
+    ALTITUDE = "refused: outside the altitude band"
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What never changes during a mission."""
+
+    grid: GridSpec
+    fence_m: tuple[Point, ...]  # polygon in metres along the grid's axes
+    altitude_m: float  # at which the vehicle flies, above home
+    altitude_band_m: tuple[float, float]
+    position_max_age_ns: int
+    retask_min_interval_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What is known of the vehicle at `now_ns`."""
+
+    now_ns: int
+    pilot: bool  # somebody else chose the mode, and we were not told to go on
+    ready: bool  # connected, armed, airborne if it flies, in a mode that obeys us
+    home: bool
+    position_m: Point | None  # in metres along the grid's axes
+    position_ns: int
+    pursued: VehicleCommand  # what was returned last
+    retasked_ns: int  # when that was another command than before; negative: never
+
+
+def gate(wanted: VehicleCommand, known: Known, limits: Limits) -> VehicleCommand:
+    """The command to pursue: `wanted`, the one pursued already if it is too soon for another, or a Hold that says why.
+
+    Expects cells that are pairs of numbers; anything else in them is refused, not raised.
+    """
+    if isinstance(wanted, Hold):
+        return wanted
+    refusal = _vehicle_refusal(known, limits) or _cells_refusal(wanted, known, limits)
+    if refusal is not None:
+        return Hold(refusal.value)
+    too_soon = known.retasked_ns >= 0 and known.now_ns - known.retasked_ns < limits.retask_min_interval_ns
+    # leaving a Hold is never too soon: a refusal that ended must not leave the vehicle standing
+    if too_soon and not isinstance(known.pursued, Hold):
+        return known.pursued
+    return wanted
+
+
+def _vehicle_refusal(known: Known, limits: Limits) -> Refusal | None:
+    low_m, high_m = limits.altitude_band_m
+    checks = (
+        (known.pilot, Refusal.PILOT),
+        (not known.ready, Refusal.NOT_READY),
+        (not known.home, Refusal.NO_HOME),
+        (known.position_m is None, Refusal.NO_POSITION),
+        (known.now_ns - known.position_ns > limits.position_max_age_ns, Refusal.STALE_POSITION),
+        (not low_m <= limits.altitude_m <= high_m, Refusal.ALTITUDE),  # NaN is outside every band
+    )
+    return next((refusal for broken, refusal in checks if broken), None)
+
+
+def _cells_refusal(wanted: Goto | Mission, known: Known, limits: Limits) -> Refusal | None:
+    cells = (wanted.cell,) if isinstance(wanted, Goto) else wanted.cells
+    if not cells:
+        return Refusal.EMPTY
+    if not all(map(_finite, cells)):
+        return Refusal.NOT_FINITE
+    if not all(inside_grid(limits.grid, cell) for cell in cells):
+        return Refusal.OUTSIDE_GRID
+    centres = [cell_centre_m(limits.grid, cell) for cell in cells]
+    if not all(point_inside(limits.fence_m, centre) for centre in centres):
+        return Refusal.OUTSIDE_FENCE
+    # a vehicle that strayed outside may come back; one inside may not cross the outside on its way
+    start = known.position_m
+    legs = [start, *centres] if start is not None and point_inside(limits.fence_m, start) else centres
+    if not all(segment_inside(limits.fence_m, a, b) for a, b in pairwise(legs)):
+        return Refusal.OUTSIDE_FENCE
+    return None
+
+
+def _finite(cell: Any) -> bool:
+    try:
+        x, y = cell
+        return math.isfinite(x) and math.isfinite(y)
+    except (TypeError, ValueError, OverflowError):
+        return False

@@ -1,0 +1,108 @@
+"""The latest of what one autopilot told, with the time of its arrival."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from gatar_edge.bridge import wire
+from gatar_edge.bridge.geo import geodetic_to_enu
+
+NEVER = -1
+
+
+@dataclass(slots=True)
+class Telemetry:
+    """Latest messages of one (sysid, compid); `None` and `NEVER` until the first."""
+
+    heartbeat: wire.Heartbeat | None = None
+    heartbeat_ns: int = NEVER
+    position: wire.GlobalPosition | None = None
+    position_ns: int = NEVER
+    home: wire.HomePosition | None = None
+    current: wire.MissionCurrent | None = None
+    current_ns: int = NEVER
+    echo: wire.PositionTarget | None = None
+    echo_ns: int = NEVER
+    landed_state: int = 0  # MAV_LANDED_STATE_UNDEFINED
+    battery_percent: int = -1
+
+    def update(self, message: wire.Message, now_ns: int) -> None:
+        """Keep a message if it tells of the vehicle's state."""
+        match message:
+            case wire.Heartbeat():
+                self.heartbeat, self.heartbeat_ns = message, now_ns
+            case wire.GlobalPosition() if message.lat_e7 or message.lon_e7:  # (0, 0) means "no position yet"
+                self.position, self.position_ns = message, now_ns
+            case wire.HomePosition() if message.lat_e7 or message.lon_e7:
+                self.home = message
+            case wire.MissionCurrent():
+                self.current, self.current_ns = message, now_ns
+            case wire.PositionTarget():
+                self.echo, self.echo_ns = message, now_ns
+            case wire.ExtendedSysState():
+                self.landed_state = message.landed_state
+            case wire.SysStatus():
+                self.battery_percent = message.battery_percent
+
+    @property
+    def armed(self) -> bool:
+        """Whether its motors may turn."""
+        return self.heartbeat is not None and self.heartbeat.armed
+
+    @property
+    def custom_mode(self) -> int | None:
+        """Its mode, as the heartbeat alone can tell."""
+        return self.heartbeat.custom_mode if self.heartbeat else None
+
+    @property
+    def lat_lon_deg(self) -> tuple[float, float] | None:
+        """Its latest position."""
+        return (self.position.lat_e7 / 1e7, self.position.lon_e7 / 1e7) if self.position else None
+
+    @property
+    def alt_rel_m(self) -> float:
+        """Its height above home, NaN when unknown."""
+        return self.position.alt_rel_mm / 1e3 if self.position else math.nan
+
+    def distance_m(self, point_deg: tuple[float, float]) -> float:
+        """Horizontal distance to (lat, lon), infinite without a position."""
+        here = self.lat_lon_deg
+        return math.inf if here is None else distance_m(here, point_deg)
+
+    def echoes(self, point_deg: tuple[float, float], since_ns: int) -> bool:
+        """Whether the vehicle itself has said, after `since_ns`, that it goes to (lat, lon)."""
+        return self.echo is not None and self.echo_ns > since_ns and near_e7(self.echo, point_deg)
+
+
+def near_e7(echo: wire.PositionTarget, point_deg: tuple[float, float]) -> bool:
+    """Whether an echoed target is (lat, lon): measured +-1e-7 degree, 1e-6 (11 cm) allowed."""
+    return abs(echo.lat_e7 - point_deg[0] * 1e7) <= 10 and abs(echo.lon_e7 - point_deg[1] * 1e7) <= 10
+
+
+def distance_m(a_deg: tuple[float, float], b_deg: tuple[float, float]) -> float:
+    """Horizontal distance between two (lat, lon) pairs of one site."""
+    east, north, _ = geodetic_to_enu((*b_deg, 0.0), (*a_deg, 0.0))
+    return math.hypot(east, north)
+
+
+class Progress:
+    """Tells whether a distance keeps shrinking: at least `STEP_M` less within `timeout_ns`."""
+
+    STEP_M = 0.5
+
+    def __init__(self, timeout_ns: int) -> None:
+        self.timeout_ns = timeout_ns
+        self.started_m = self._best_m = math.inf
+        self._best_ns = 0
+
+    def start(self, remaining_m: float, now_ns: int) -> None:
+        """Begin anew."""
+        self.started_m = self._best_m = remaining_m
+        self._best_ns = now_ns
+
+    def stalled(self, remaining_m: float, now_ns: int) -> bool:
+        """Take the present distance; True once it has not shrunk for too long."""
+        if remaining_m <= self._best_m - self.STEP_M:
+            self._best_m, self._best_ns = remaining_m, now_ns
+        return now_ns - self._best_ns >= self.timeout_ns

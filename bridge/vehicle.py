@@ -1,0 +1,175 @@
+"""One found autopilot: all state machines that talk to it, composed. Speaks `wire` messages; knows no bytes."""
+
+from __future__ import annotations
+
+import random
+
+from gatar_edge.bridge import wire
+from gatar_edge.bridge.commands import CommandClient
+from gatar_edge.bridge.geo import cell_to_wgs84
+from gatar_edge.bridge.guided import Guided
+from gatar_edge.bridge.launch import Event, Launch, Phase
+from gatar_edge.bridge.mission_transfer import MissionClient
+from gatar_edge.bridge.modes import ModeKeeper
+from gatar_edge.bridge.profiles.base import HoldBy, Profile
+from gatar_edge.bridge.rates import RateWatch
+from gatar_edge.bridge.retask import Retask
+from gatar_edge.bridge.settings import DriverConfig
+from gatar_edge.bridge.status import DriverEvent, EventKind, Status
+from gatar_edge.bridge.telemetry import Telemetry
+from gatar_edge.bridge.wire import Address, Command, Message
+from gatar_edge.types import NS_PER_S, Goto, Hold, Mission, RobotKind
+
+HEARTBEAT_LOST_NS = 3 * NS_PER_S
+WORST_LOGGED_SEVERITY = 4  # MAV_SEVERITY_WARNING
+
+
+class Vehicle:
+    """One autopilot and what we want of it."""
+
+    def __init__(self, config: DriverConfig, profile: Profile, address: Address, now_ns: int) -> None:
+        me = (config.sysid, config.compid)
+        self.config, self.profile, self.address = config, profile, address
+        self.seen = Telemetry()
+        self.events: list[DriverEvent] = []
+        self.commands = CommandClient(me, address)
+        self.modes = ModeKeeper(profile, self.commands)
+        self.transfer = MissionClient(profile, me, address, random.Random(config.seed))
+        self.launch = Launch(profile, self.commands, self.modes, config.altitude_m)
+        arrive_m = config.arrive_m if config.arrive_m is not None else min(2.0, config.grid.cell_m / 4)
+        self.guided = Guided(profile, self.commands, self.modes, arrive_m=arrive_m, progress_s=config.progress_s)
+        self.retask = Retask(
+            profile,
+            self.commands,
+            self.modes,
+            self.transfer,
+            arrive_m=arrive_m,
+            near_m=config.grid.cell_m,
+            progress_s=config.progress_s,
+        )
+        if config.speed_m_s is not None:
+            self.guided.speed(config.speed_m_s)
+        self._rates = RateWatch(address, now_ns)
+        self._by_mission = config.kind is RobotKind.UGV and config.drive == "mission"
+        self._holding = False
+        self._told = (self.launch.phase, Status.IDLE)
+
+    @property
+    def status(self) -> Status:
+        """How the pursuit of the current command goes."""
+        if self._holding and self.profile.hold_by is HoldBy.MODE:
+            return Status.HOLDING
+        return self.retask.status if self._by_mission else self.guided.status
+
+    def connected(self, now_ns: int) -> bool:
+        """Whether its heartbeat is fresh."""
+        return now_ns - self.seen.heartbeat_ns <= HEARTBEAT_LOST_NS
+
+    def ready(self, now_ns: int) -> bool:
+        """Whether it obeys us."""
+        return (
+            self.connected(now_ns)
+            and self.launch.phase is Phase.READY
+            and self.seen.armed
+            and self.launch.airborne(self.seen)
+        )
+
+    def receive(self, frame: wire.Received, now_ns: int) -> None:
+        """Take one frame of this autopilot."""
+        self._rates.count(frame.message_id)
+        message = frame.message
+        if message is None:
+            return
+        self.seen.update(message, now_ns)
+        if isinstance(message, wire.Heartbeat):
+            self._watch_mode(message, now_ns)
+        elif isinstance(message, wire.CommandAck):
+            self.commands.receive(message)
+        elif isinstance(message, wire.StatusText):
+            if message.severity <= WORST_LOGGED_SEVERITY:
+                self._tell(now_ns, EventKind.STATUSTEXT, message.text)
+        else:
+            self.transfer.receive(frame.source, message, now_ns)
+
+    def pursue(self, command: Goto | Mission | Hold, now_ns: int) -> None:
+        """Make the vehicle do this from now on. Nothing is sent to one that does not obey us."""
+        if not self.ready(now_ns):
+            return
+        self._holding = isinstance(command, Hold)
+        if isinstance(command, Hold):
+            self._hold(now_ns)
+            return
+        cells = (command.cell,) if isinstance(command, Goto) else command.cells
+        points = tuple(cell_to_wgs84(self.config.grid, cell) for cell in cells)
+        if self._by_mission:
+            self.retask.drive(points, now_ns)
+        else:
+            self.guided.go(points, self._altitude_m(), self._home_amsl_m(), now_ns)
+
+    def enable(self, now_ns: int) -> None:
+        """Command again after the pilot had control."""
+        self.modes.release()
+        self.launch.fire(Event.ENABLED, now_ns)
+
+    def poll(self, now_ns: int, launch: bool) -> list[Message]:
+        """Run everything and hand over what is to be sent now."""
+        out, short = self._rates.poll(self.seen.home is not None, now_ns)
+        if short:
+            self._tell(now_ns, EventKind.RATES, f"asked again for message intervals of {short}")
+        if launch:
+            self.launch.poll(self.seen, now_ns)
+        self.guided.poll(self.seen, now_ns)
+        retask = self.retask.poll(self.seen, now_ns)
+        self.modes.poll(now_ns)
+        commands = [*retask, *self.transfer.poll(now_ns), *self.commands.poll(now_ns)]
+        self._tell_changes(now_ns)
+        # the pilot wins: then we ask for telemetry and for nothing else
+        return out if self.launch.phase is Phase.PILOT else out + commands
+
+    def _hold(self, now_ns: int) -> None:
+        self.retask.stop()
+        here = self.seen.lat_lon_deg
+        if self.profile.hold_by is HoldBy.MODE:
+            self.guided.stop()
+            self.modes.want(self.profile.hold_mode)
+        elif here is not None and now_ns - self.seen.position_ns <= self.config.position_max_age_s * NS_PER_S:
+            self.guided.go((here,), self._altitude_m(), self._home_amsl_m(), now_ns, hold=True)
+        # with an old position a copter is left to reach its last target, where it holds by itself
+
+    def _altitude_m(self) -> float:
+        return self.config.altitude_m if self.config.kind is RobotKind.UAV else 0.0
+
+    def _home_amsl_m(self) -> float:
+        return self.seen.home.alt_amsl_mm / 1e3 if self.seen.home else 0.0
+
+    def _watch_mode(self, heartbeat: wire.Heartbeat, now_ns: int) -> None:
+        taken = self.modes.observe(heartbeat.custom_mode, now_ns, self.retask.at_end(self.seen))
+        if taken:
+            self._give_way(now_ns, f"mode changed to {self.profile.mode_name(heartbeat.custom_mode)} by somebody else")
+        elif self.launch.phase is Phase.READY and not heartbeat.armed:
+            self._give_way(now_ns, "disarmed by somebody else")
+
+    def _give_way(self, now_ns: int, text: str) -> None:
+        self.launch.fire(Event.TAKEN, now_ns)
+        self.retask.stop()
+        self.guided.stop()
+        self.commands.clear()
+        self.transfer.abandon()
+        self._tell(now_ns, EventKind.PILOT, text)
+
+    def _tell(self, now_ns: int, kind: EventKind, text: str) -> None:
+        self.events.append(DriverEvent(now_ns, kind, text))
+
+    def _tell_changes(self, now_ns: int) -> None:
+        phase, status = self._told
+        self._told = (self.launch.phase, self.status)
+        if self._told[0] is not phase:
+            self._tell(now_ns, EventKind.PHASE, self._told[0].value)
+        if self._told[1] is not status:
+            self._tell(now_ns, EventKind.STATUS, self._told[1].value + self._why())
+
+    def _why(self) -> str:
+        if self.status is Status.UPLOAD_FAILED and self.transfer.result is not None:
+            return f": {self.transfer.result.value}"
+        result = self.commands.result(Command.DO_REPOSITION)
+        return f": {result.name}" if self.status is Status.REFUSED and result is not None else ""

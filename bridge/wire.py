@@ -1,0 +1,323 @@
+"""The MAVLink messages in use, as frozen values: state machines speak these, `codec` alone turns them into bytes.
+
+Units are MAVLink's own, in the names: `_e7` 1e-7 degree, `_mm`, `_cm_s`, `_cdeg`. `to` and `target` are
+(sysid, compid).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+Address = tuple[int, int]
+
+EVERYBODY: Address = (0, 0)
+
+
+class MissionResult(IntEnum):
+    """MAV_MISSION_RESULT of common.xml."""
+
+    ACCEPTED = 0
+    ERROR = 1
+    UNSUPPORTED_FRAME = 2
+    UNSUPPORTED = 3
+    NO_SPACE = 4
+    INVALID = 5
+    INVALID_PARAM1 = 6
+    INVALID_PARAM2 = 7
+    INVALID_PARAM3 = 8
+    INVALID_PARAM4 = 9
+    INVALID_PARAM5_X = 10
+    INVALID_PARAM6_Y = 11
+    INVALID_PARAM7 = 12
+    INVALID_SEQUENCE = 13
+    DENIED = 14
+    OPERATION_CANCELLED = 15
+
+
+class CommandResult(IntEnum):
+    """MAV_RESULT of common.xml, and what only the sender knows: nobody answered."""
+
+    ACCEPTED = 0
+    TEMPORARILY_REJECTED = 1
+    DENIED = 2
+    UNSUPPORTED = 3
+    FAILED = 4
+    IN_PROGRESS = 5
+    CANCELLED = 6
+    COMMAND_LONG_ONLY = 7
+    COMMAND_INT_ONLY = 8
+    UNSUPPORTED_FRAME = 9
+    NO_ANSWER = 255
+
+
+class MessageId(IntEnum):
+    """The messages that the bridge asks a vehicle for."""
+
+    SYS_STATUS = 1
+    GLOBAL_POSITION_INT = 33
+    MISSION_CURRENT = 42
+    POSITION_TARGET_GLOBAL_INT = 87
+    HOME_POSITION = 242
+    EXTENDED_SYS_STATE = 245
+    SETUP_SIGNING = 256
+
+
+class Command(IntEnum):
+    """The MAV_CMDs in use."""
+
+    NAV_WAYPOINT = 16
+    NAV_TAKEOFF = 22
+    DO_SET_MODE = 176
+    DO_CHANGE_SPEED = 178
+    DO_REPOSITION = 192
+    DO_SET_MISSION_CURRENT = 224
+    COMPONENT_ARM_DISARM = 400
+    SET_MESSAGE_INTERVAL = 511
+    REQUEST_MESSAGE = 512
+
+
+class Frame(IntEnum):
+    """The MAV_FRAMEs in use."""
+
+    GLOBAL = 0  # altitude above mean sea level
+    GLOBAL_RELATIVE_ALT = 3
+    GLOBAL_INT = 5
+    GLOBAL_RELATIVE_ALT_INT = 6  # altitude above home
+
+
+ARMED_FLAG = 128  # MAV_MODE_FLAG_SAFETY_ARMED
+CUSTOM_MODE_FLAG = 1  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+LANDED_ON_GROUND = 1  # MAV_LANDED_STATE_ON_GROUND
+STATE_ACTIVE = 4  # MAV_STATE
+STATE_CRITICAL = 5
+TYPE_ONBOARD_CONTROLLER = 18  # MAV_TYPE
+AUTOPILOT_INVALID = 8  # MAV_AUTOPILOT: not an autopilot
+AUTOPILOT_ARDUPILOT = 3
+AUTOPILOT_PX4 = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Heartbeat:
+    """HEARTBEAT (0)."""
+
+    type: int
+    autopilot: int
+    base_mode: int
+    custom_mode: int
+    system_status: int
+
+    @property
+    def armed(self) -> bool:
+        """Whether the motors may turn."""
+        return bool(self.base_mode & ARMED_FLAG)
+
+
+@dataclass(frozen=True, slots=True)
+class SysStatus:
+    """SYS_STATUS (1): what of it is used."""
+
+    battery_percent: int
+
+
+@dataclass(frozen=True, slots=True)
+class GlobalPosition:
+    """GLOBAL_POSITION_INT (33)."""
+
+    lat_e7: int
+    lon_e7: int
+    alt_amsl_mm: int
+    alt_rel_mm: int
+    north_cm_s: int
+    east_cm_s: int
+    heading_cdeg: int
+
+
+@dataclass(frozen=True, slots=True)
+class HomePosition:
+    """HOME_POSITION (242)."""
+
+    lat_e7: int
+    lon_e7: int
+    alt_amsl_mm: int
+
+
+@dataclass(frozen=True, slots=True)
+class ExtendedSysState:
+    """EXTENDED_SYS_STATE (245)."""
+
+    landed_state: int
+
+
+@dataclass(frozen=True, slots=True)
+class PositionTarget:
+    """POSITION_TARGET_GLOBAL_INT (87): where the vehicle itself says it is going."""
+
+    lat_e7: int
+    lon_e7: int
+    alt_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class StatusText:
+    """STATUSTEXT (253)."""
+
+    severity: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class CommandAck:
+    """COMMAND_ACK (77)."""
+
+    command: int
+    result: int
+    target: Address
+
+
+@dataclass(frozen=True, slots=True)
+class CommandLong:
+    """COMMAND_LONG (76)."""
+
+    to: Address
+    command: int
+    params: tuple[float, float, float, float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class CommandInt:
+    """COMMAND_INT (75)."""
+
+    to: Address
+    frame: int
+    command: int
+    params: tuple[float, float, float, float]
+    lat_e7: int
+    lon_e7: int
+    alt_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class MissionCount:
+    """MISSION_COUNT (44)."""
+
+    target: Address
+    count: int
+    mission_type: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class MissionRequest:
+    """MISSION_REQUEST (40) or MISSION_REQUEST_INT (51) received; only the latter is ever sent."""
+
+    target: Address
+    seq: int
+    mission_type: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class MissionItem:
+    """What a mission holds at one place, without its place: a MISSION_ITEM_INT (73) less its addressing."""
+
+    frame: int
+    command: int
+    params: tuple[float, float, float, float]
+    lat_e7: int
+    lon_e7: int
+    alt_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class MissionItemAt:
+    """MISSION_ITEM_INT (73), sent or received."""
+
+    target: Address
+    seq: int
+    item: MissionItem
+    mission_type: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class MissionAck:
+    """MISSION_ACK (47)."""
+
+    target: Address
+    result: int
+    mission_type: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class MissionRequestList:
+    """MISSION_REQUEST_LIST (43)."""
+
+    target: Address
+    mission_type: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class MissionClearAll:
+    """MISSION_CLEAR_ALL (45)."""
+
+    target: Address
+    mission_type: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class MissionSetCurrent:
+    """MISSION_SET_CURRENT (41)."""
+
+    target: Address
+    seq: int
+
+
+@dataclass(frozen=True, slots=True)
+class MissionCurrent:
+    """MISSION_CURRENT (42). `total` is 0 or 65535 where the vehicle does not say; `state` 5 is complete."""
+
+    seq: int
+    total: int
+    state: int
+
+
+Message = (
+    Heartbeat
+    | SysStatus
+    | GlobalPosition
+    | HomePosition
+    | ExtendedSysState
+    | PositionTarget
+    | StatusText
+    | CommandAck
+    | CommandLong
+    | CommandInt
+    | MissionCount
+    | MissionRequest
+    | MissionItemAt
+    | MissionAck
+    | MissionRequestList
+    | MissionClearAll
+    | MissionSetCurrent
+    | MissionCurrent
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """One frame from the wire: who sent it, its bytes without a signature, and its meaning if it is one in use."""
+
+    source: Address
+    message_id: int
+    raw: bytes
+    message: Message | None
+
+
+def sendable(item: MissionItem) -> bool:
+    """Whether an item is finite (NaN is allowed for yaw alone) and fits its fields, so that `encode` cannot fail."""
+    return (
+        abs(item.lat_e7) <= 900_000_000
+        and abs(item.lon_e7) <= 1_800_000_000
+        and abs(item.alt_m) < 1e6
+        and all(abs(p) < 1e9 for p in item.params[:3])
+        and (math.isnan(item.params[3]) or abs(item.params[3]) < 1e9)
+    )

@@ -1,0 +1,82 @@
+"""Plan whole tours for the team over all known targets, and go to the first stop of the own one.
+
+The strongest classical rule here: it sees that a target now near lies on somebody's way later.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from gatar_edge.allocators import tours
+from gatar_edge.allocators.base import NO_TARGET, Allocation, in_id_order, scores_of
+from gatar_edge.allocators.tours import Plan, Problem
+from gatar_edge.grid import UNREACHABLE, passable, path_lengths
+from gatar_edge.types import RobotKind
+from gatar_edge.view import View, travel_times
+
+Tours = list[list[int]]
+Planner = Callable[[Problem, int], Tours]  # a problem of arrays, rounds of search -> targets of each robot in order
+
+
+class Routing:
+    """Each robot plans the same tours on its own view. `planner` may be the compiled twin of `plan_on_lists`."""
+
+    name = "routing"
+
+    def __init__(self, planner: Planner | None = None, rounds: int = tours.ROUNDS) -> None:
+        self._planner = planner if planner is not None else plan_on_lists
+        self._rounds = rounds
+
+    def allocate(self, view: View) -> Allocation:
+        """See `allocators.base.Allocator`."""
+        times = travel_times(view)
+        choices = np.full(len(view.robots), NO_TARGET, dtype=np.int32)
+        if np.isfinite(times).any():
+            order = in_id_order(view)
+            for row, tour in zip(order, self._planner(problem_of(view), self._rounds), strict=True):
+                if tour:
+                    choices[row] = tour[0]
+        return Allocation(choices, scores_of(times))
+
+
+def problem_of(view: View) -> Problem:
+    """The view as arrays, robots by id: every robot of a graph plans the same tours."""
+    order = in_id_order(view)
+    robots = [view.robots[row] for row in order]
+    kinds = np.array([robot.kind for robot in robots], dtype=np.int64)
+    pace = np.array([1 / robot.speed_cells_s for robot in robots])
+    lengths = view.lengths[order]
+    first = np.where(lengths == UNREACHABLE, np.inf, lengths * pace[:, None])
+    return Problem(first, legs_between(view), kinds, pace)
+
+
+def legs_between(view: View) -> npt.NDArray[np.float64]:
+    """Cells from target to target by kind of robot: float64 [2, M, M], inf where there is no way or no such robot."""
+    count = len(view.targets)
+    legs = np.full((len(RobotKind), count, count), np.inf)
+    x, y = view.targets[:, 0], view.targets[:, 1]
+    for kind in {robot.kind for robot in view.robots}:
+        free = passable(kind, view.belief)
+        for index in range(count):
+            lengths = path_lengths(kind, (int(x[index]), int(y[index])), free)[x, y]
+            legs[kind, index] = np.where(lengths == UNREACHABLE, np.inf, lengths)
+    return legs
+
+
+def plan_on_lists(problem: Problem, rounds: int) -> Tours:
+    """Plan without a compiler: slower, and equal to the last bit."""
+    robots, targets = problem.first.shape
+    plan = Plan(
+        tour=[[0] * targets for _ in range(robots)],
+        count=[0] * robots,
+        sums=[0.0] * robots,
+        ends=[0.0] * robots,
+        kept=[[0] * targets for _ in range(robots)],
+        kept_count=[0] * robots,
+        removed=[0] * targets,
+    )
+    tours.solve(Problem(*(array.tolist() for array in problem)), plan, rounds)
+    return [plan.kept[robot][: plan.kept_count[robot]] for robot in range(robots)]

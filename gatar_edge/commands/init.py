@@ -1,0 +1,171 @@
+"""`gatar init`: write a commented vehicle.toml, and the team's key where there is none."""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+from pathlib import Path
+
+import click
+
+from gatar_edge.errors import ConfigError
+
+TEMPLATE = """\
+# One robot of a gatar-edge team. `gatar vehicle --config {name} --check` says what it would do.
+# Only [robot], [vehicle] and net.peers differ between the robots of one team; what is commented out is the default.
+
+[robot]
+id = {id}                  # 1 to 65535, unique in the team
+kind = {kind}             # "UAV" flies over obstacles, "UGV" drives round them
+speed_m_s = {speed}         # at cruise: neighbours weigh ways by it, and the vehicle is told it
+
+[grid]                     # the same on each robot
+origin_lat_deg = {lat}     # outer south-west corner of cell (0, 0)
+origin_lon_deg = {lon}
+width = {width}               # cells to the east
+height = {height}              # cells to the north
+cell_m = {cell}
+# heading_deg = 0.0        # turns the grid's y axis clockwise from north
+
+[team]                     # the same on each robot
+r_sense = {r_sense}            # cells that perception sees
+r_comm = {r_comm}             # cells within which robots count as neighbours
+# hop_limit = 2            # how often a message is passed on
+# max_age_s = 3.0          # a neighbour silent for longer leaves the team; its target goes to somebody else
+# perception_max_age_s = 3.0  # without an observation for longer the vehicle holds
+
+[model]
+allocator = {allocator}        # "gatar", or a classical rule: "greedy", "nearest", "hungarian", "routing"
+# file = "model.onnx"      # another model than the one that is shipped
+
+[net]
+key_file = {key}    # 32 bytes, mode 0600, the same file on each robot
+transport = "udp"
+listen = {listen}
+{reach}
+# bytes_per_s = 32768      # never exceeded; relays give way first
+
+[vehicle]
+url = {url}  # udpin:host:port, udpout:host:port, tcp:host:port, serial:device:baud
+# sysid = 0                # MAVLink system of the autopilot; 0: the robot's id
+altitude_m = {altitude}        # above home; give each UAV its own layer
+# altitude_band_m = [2.0, 120.0]
+# fence = [[47.0, 8.0], [47.0, 8.1], [47.1, 8.1]]  # corners; without it the grid's rectangle
+# drive = "mission"        # how a UGV is driven: "mission" or "guided"
+launch = {launch}          # "armed": take over when a person has armed it; "auto": arm and take off by itself
+# on_stop = "hold"         # SIGTERM stops the vehicle; "leave" leaves it to its last order
+
+[perception]
+listen = {perception}  # or "unix:/run/gatar/perception.sock"; format: docs/observation.schema.json
+
+[loop]
+# tick_hz = 5.0
+# deadline_ms = 100.0      # for the model; then greedy decides
+
+[log]
+folder = "logs"            # one file a run; "" for none
+
+[state]
+file = "state.bin"         # belief, task and message sequence: a restarted daemon goes on where it was
+# max_age_s = 600.0        # older knowledge is of another mission
+
+[watch]
+http = {http}                  # /healthz and /metrics, such as "127.0.0.1:9100"
+"""
+
+
+@click.command("init")
+@click.option("--config", "path", type=click.Path(path_type=Path, dir_okay=False), default=Path("vehicle.toml"))
+@click.option("--id", "robot_id", type=click.IntRange(1, 65535), prompt="Robot's number in the team", help="Unique.")
+@click.option("--kind", type=click.Choice(["UAV", "UGV"], case_sensitive=False), prompt="Kind of vehicle")
+@click.option("--origin", prompt="South-west corner of the grid, LAT,LON in degrees", help="LAT,LON of the grid.")
+@click.option("--size", default="15x15", show_default=True, help="Cells east x north.")
+@click.option("--cell-m", type=float, default=10.0, show_default=True, help="Side of a cell.")
+@click.option("--speed-m-s", type=float, default=5.0, show_default=True, help="Cruise speed.")
+@click.option("--altitude-m", type=float, default=20.0, show_default=True, help="A layer for each UAV.")
+@click.option("--r-sense", type=float, default=4.0, show_default=True, help="Sight of the perception, in cells.")
+@click.option("--r-comm", type=float, default=6.0, show_default=True, help="Reach of the team's graph, in cells.")
+@click.option("--url", prompt="Autopilot (such as udpin:127.0.0.1:14551 or serial:/dev/ttyAMA0:921600)")
+@click.option("--allocator", default="gatar", show_default=True)
+@click.option("--listen", default="0.0.0.0:14600", show_default=True, help="Where neighbours are heard.")
+@click.option("--peer", "peers", multiple=True, help="HOST:PORT of a neighbour; may be repeated.")
+@click.option("--group", default="239.255.71.1:14600", show_default=True, help="Multicast group, where no peer is given.")
+@click.option("--perception", default="127.0.0.1:14700", show_default=True, help="Where observations come in.")
+@click.option("--launch", type=click.Choice(["armed", "auto"]), default="armed", show_default=True)
+@click.option("--http", default="", help="HOST:PORT of /healthz and /metrics.")
+@click.option("--key-file", default="team.key", show_default=True, help="Made where there is none.")
+@click.option("--force", is_flag=True, help="Overwrite an existing configuration; a key is never overwritten.")
+def command(path: Path, force: bool, key_file: str, origin: str, size: str, **options: object) -> None:
+    """Write a commented vehicle.toml, and the team's key where there is none. Asks for what is not given.
+
+    \b
+    Example:
+      gatar init --id 3 --kind UAV --origin 47.397742,8.545594 --url udpin:127.0.0.1:14551
+    """
+    from gatar_edge.keys import read_key
+    from gatar_edge.vehicle_config import parse_config
+
+    lat, lon = _numbers(origin, ",", float, "--origin", "47.397742,8.545594")
+    width, height = _numbers(size.lower(), "x", int, "--size", "15x15")
+    text = configuration(path.name, lat, lon, width, height, key_file, options)
+    parse_config(text, "what you gave")
+    if path.exists() and not force:
+        raise ConfigError(f"{path} exists: --force overwrites it, --config writes another")
+    key_path = path.parent / key_file
+    made = _make_key(key_path)
+    read_key(key_path)
+    try:
+        path.write_text(text)
+    except OSError as error:
+        raise ConfigError(f"{path} cannot be written: {error.strerror}") from error
+    click.echo(f"wrote  {path}")
+    click.echo(f"{'made ' if made else 'kept '}  {key_path}" + ("  (copy it to each robot of the team)" if made else ""))
+    click.echo(f"\nNext: gatar vehicle --config {path} --check")
+
+
+def configuration(
+    name: str, lat: float, lon: float, width: int, height: int, key_file: str, options: dict[str, object]
+) -> str:
+    """The text of vehicle.toml."""
+    peers = list(options["peers"])  # type: ignore[call-overload]
+    reach = f"peers = {json.dumps(peers)}" if peers else f"group = {json.dumps(options['group'])}"
+    quoted = {key: json.dumps(options[key]) for key in ("url", "allocator", "listen", "perception", "launch", "http")}
+    return TEMPLATE.format(
+        name=name,
+        id=options["robot_id"],
+        kind=json.dumps(str(options["kind"]).upper()),
+        speed=options["speed_m_s"],
+        lat=lat,
+        lon=lon,
+        width=width,
+        height=height,
+        cell=options["cell_m"],
+        r_sense=options["r_sense"],
+        r_comm=options["r_comm"],
+        altitude=options["altitude_m"],
+        key=json.dumps(key_file),
+        reach=reach,
+        **quoted,
+    )
+
+
+def _numbers(text: str, separator: str, kind: type[float], option: str, example: str) -> tuple[float, float]:
+    try:
+        first, second = (kind(part) for part in text.split(separator))
+    except ValueError:
+        raise ConfigError(f"{option} {text!r} is not of the form {example}") from None
+    return first, second
+
+
+def _make_key(path: Path) -> bool:
+    """Make a key of mode 0600 where there is none; true if one was made. Raises ConfigError."""
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    except FileExistsError:
+        return False
+    except OSError as error:
+        raise ConfigError(f"key file {path} cannot be made: {error.strerror}") from error
+    with os.fdopen(descriptor, "wb") as file:
+        file.write(secrets.token_bytes(32))
+    return True

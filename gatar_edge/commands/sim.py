@@ -1,0 +1,209 @@
+"""`gatar sim`: a seeded mission with simulated autopilots, in virtual or real time."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from gatar_edge.errors import ConfigError
+
+if TYPE_CHECKING:
+    from gatar_edge.sim_sitl.fleet import Fleet, FleetConfig
+    from gatar_edge.sim_sitl.tally import Result
+
+STACKS = ("ardupilot", "px4", "mixed")
+
+
+@click.command("sim")
+@click.option("--team", default="3A3G", show_default=True, help="Aerial and ground robots, such as 3A3G.")
+@click.option("--targets", type=click.IntRange(1, 10_000), help="Number of targets.  [default: 20 to 30, by the seed]")
+@click.option("--size", type=click.IntRange(5, 256), default=15, show_default=True, help="Cells a side of the world.")
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="World, radio and autopilots.")
+@click.option("--r-sense", type=click.FloatRange(1, 64), default=4.0, show_default=True, help="Sight, in cells.")
+@click.option("--r-comm", type=click.FloatRange(0, 1e6), default=6.0, show_default=True, help="Radio range, in cells.")
+@click.option("--allocator", default="gatar", show_default=True, help="gatar, gatar:FILE.onnx, nearest, greedy, ...")
+@click.option("--stack", type=click.Choice(STACKS), default="ardupilot", show_default=True, help="Autopilot family.")
+@click.option("--loss", type=click.FloatRange(0, 0.95), default=0.0, help="Share of lost messages between robots.")
+@click.option("--telemetry-loss", type=click.FloatRange(0, 0.9), default=0.0, help="The same, robot to autopilot.")
+@click.option("--max-steps", type=click.IntRange(1, 100_000), default=500, show_default=True, help="Give up after.")
+@click.option(
+    "--log", "log_path", type=click.Path(path_type=Path, dir_okay=False), help="Write an MCAP of the mission."
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path, file_okay=False), help="Folder for mission.mcap and report.html together."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the result for machines.")
+def command(as_json: bool, log_path: Path | None, out: Path | None, **options: Any) -> None:
+    """Fly a mission: every robot with its own mind, radio, bridge and simulated autopilot.
+
+    Virtual time runs as fast as the machine can; the same seed gives the same decisions (see the digest).
+    A step is the time in which a robot at cruise speed crosses one cell.
+
+    \b
+    Example:
+      gatar sim --team 3A3G --targets 24 --size 15 --seed 1 --allocator gatar --log mission.mcap
+      gatar sim --seed 1 --allocator greedy --json
+    """
+    if out is not None and log_path is not None:
+        raise ConfigError("--log and --out exclude each other: --out already writes mission.mcap into its folder")
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        log_path = out / "mission.mcap"
+    config = fleet_config(**{key: options[key] for key in options if key != "allocator"})
+    result = fly(config, options["allocator"], log_path, quiet=as_json)
+    report = _write_report(log_path) if out is not None and log_path is not None else None
+    if as_json:
+        click.echo(json.dumps(result.to_json()))
+        return
+    print_table(result)
+    if log_path is not None:
+        click.echo(f"\nlog     {log_path}")
+    if report is not None:
+        click.echo(f"report  {report}\n\nNext: open the report in a browser, or run\n  gatar log info {log_path}")
+
+
+def fleet_config(
+    *,
+    team: str,
+    targets: int | None,
+    size: int,
+    seed: int,
+    r_sense: float,
+    r_comm: float,
+    stack: str,
+    loss: float,
+    telemetry_loss: float,
+    max_steps: int,
+) -> FleetConfig:
+    """The mission that the options describe. Raises ConfigError and WorldError."""
+    from gatar_edge.config import AgentConfig
+    from gatar_edge.sim_sitl.faults import Faults, LinkFaults
+    from gatar_edge.sim_sitl.fleet import FleetConfig
+    from gatar_edge.sim_sitl.world import Team, random_world
+    from gatar_edge.types import GridSpec
+
+    world = random_world(Team.parse(team), targets, size, size, seed)
+    grid = GridSpec(width=size, height=size)
+    families: dict[str, tuple[Any, Any]] = {"mixed": ("ardupilot", "px4")}
+    pair = families.get(stack, (stack, stack))
+    return FleetConfig(
+        world=world,
+        agent=AgentConfig(grid=grid, r_sense=r_sense, r_comm=r_comm),
+        stacks=tuple(pair[index % 2] for index in range(len(world.team.kinds))),
+        faults=Faults(LinkFaults(loss=loss), LinkFaults(loss=telemetry_loss), LinkFaults(loss=telemetry_loss)),
+        max_steps=max_steps,
+    )
+
+
+def fly(config: FleetConfig, allocator: str, log_path: Path | None, *, quiet: bool) -> Result:
+    """Fly the mission in virtual time, with progress, into a log where one is wanted."""
+    from gatar_edge.allocators.registry import make
+    from gatar_edge.record import Recorder
+    from gatar_edge.sim_sitl.fleet import Fleet, lock_step
+
+    factory = make(allocator)
+    log = Recorder(log_path, run_info(config, allocator), 0) if log_path is not None else None
+    fleet = Fleet(config, factory, log)
+    try:
+        with _progress(fleet, quiet) as update:
+            for now_ns in lock_step(fleet):
+                update(now_ns)
+    finally:
+        if log is not None:
+            log.close()
+    return fleet.result()
+
+
+def run_info(config: FleetConfig, allocator: str) -> dict[str, Any]:
+    """What the log says of this run."""
+    from gatar_edge.agent import Identity
+    from gatar_edge.runinfo import describe_run
+
+    world = config.world
+    speed_cells_s = config.speed_m_s / config.agent.grid.cell_m
+    robots = [Identity(i, kind, speed_cells_s) for i, kind in zip(world.team.ids, world.team.kinds, strict=True)]
+    extra = {
+        "team": str(world.team),
+        "seed": world.seed,
+        "targets": len(world.targets),
+        "step_s": config.step_ns / 1e9,
+        "stacks": list(config.stacks),
+        "radio_loss": config.faults.radio.loss,
+        "simulated": True,
+    }
+    return describe_run(config.agent, robots, allocator, extra=extra)
+
+
+@contextlib.contextmanager
+def _progress(fleet: Fleet, quiet: bool) -> Iterator[Callable[[int], None]]:
+    """A bar on a terminal, a plain line every ten steps elsewhere, nothing when quiet."""
+    if quiet:
+        yield lambda now_ns: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield _plain_lines(fleet)
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("launch", total=fleet.tally.reachable)
+
+        def update(now_ns: int) -> None:
+            phase = "launch" if fleet.began_ns is None else f"step {fleet.step:5.1f}"
+            done = fleet.tally.reachable - fleet.tally.left
+            bar.update(task, completed=done, description=f"{phase}  targets localized")
+
+        yield update
+
+
+def _plain_lines(fleet: Fleet) -> Callable[[int], None]:
+    said = -10.0
+
+    def update(now_ns: int) -> None:
+        nonlocal said
+        if fleet.began_ns is not None and fleet.step >= said + 10:
+            said = fleet.step
+            done = fleet.tally.reachable - fleet.tally.left
+            click.echo(f"step {fleet.step:5.1f}: {done}/{fleet.tally.reachable} targets localized", err=True)
+
+    return update
+
+
+def print_table(result: Result) -> None:
+    """The result for people."""
+    figures = result.to_json()
+
+    def show(value: Any) -> str:
+        return "not reached" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
+
+    by_step = figures["localized_by"]
+    rows = [
+        ("team, seed, allocator", f"{result.team}, {result.seed}, {result.allocator}"),
+        ("targets localized", f"{result.localized} of {result.reachable} reachable ({result.targets} in all)"),
+        ("  by step 10 / 20 / 40", " / ".join(str(by_step[step]) for step in ("10", "20", "40"))),
+        ("steps to 90 % / 100 %", f"{show(figures['steps_90'])} / {show(figures['steps_100'])}"),
+        ("cells travelled, UAV / UGV", " / ".join(f"{figures['distance_cells'][kind]:g}" for kind in ("UAV", "UGV"))),
+        ("retasks", str(result.retasks)),
+        ("messages, bytes a robot", f"{figures['messages_per_robot']:g}, {figures['bytes_per_robot']:g}"),
+        ("decision p50 / p99", f"{figures['decision_p50_us']:g} / {figures['decision_p99_us']:g} us"),
+        ("fallbacks", str(result.fallbacks)),
+    ]
+    width = max(len(name) for name, _ in rows)
+    for name, value in rows:
+        click.echo(f"{name:<{width}}  {value}")
+
+
+def _write_report(log_path: Path) -> Path:
+    from gatar_edge.review.report import write_report
+
+    report = log_path.with_name("report.html")
+    write_report(log_path, report)
+    return report

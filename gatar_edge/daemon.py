@@ -1,0 +1,297 @@
+"""The daemon's loop: one thread that hears, looks, decides, commands and records.
+
+`Daemon` holds no socket and no clock of its own: time and ports are handed in, so that a day passes in seconds in a
+test. The heartbeat to the autopilot leaves from this loop alone: a loop that hangs falls silent, and the autopilot's
+own failsafe acts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from gatar_edge.agent import Agent
+from gatar_edge.health import Counters, NeighborLine, Snapshot, usable
+from gatar_edge.journal import Journal, TextLog
+from gatar_edge.neighbors import HearOutcome
+from gatar_edge.perception import Perception
+from gatar_edge.persist import SavedState, snapshot
+from gatar_edge.tasks import to_command
+from gatar_edge.transports.base import Transport
+from gatar_edge.transports.budget import ByteBudget
+from gatar_edge.types import (
+    NS_PER_S,
+    ByteGrid,
+    Decision,
+    GridSpec,
+    Hold,
+    Observation,
+    Reason,
+    VehicleCommand,
+    VehicleState,
+)
+
+POLL_NS = NS_PER_S // 20  # timers of the autopilot's protocols
+STALL_NS = NS_PER_S  # after standing still for this long, what waits in the sockets is older than it looks
+STOP_NS = 3 * NS_PER_S  # for the vehicle to confirm that it holds
+MAX_USELESS_LOGGED = 64  # a tick: heard datagrams without effect, so that a flood does not fill the disk
+_EFFECTIVE = (HearOutcome.ACCEPTED, HearOutcome.NEARER)
+
+
+class Source(Protocol):
+    """Where observations come from; never blocks, never raises."""
+
+    def receive(self) -> list[bytes]: ...
+
+
+class Vehicle(Protocol):
+    """The autopilot behind its bridge; see `vehicle_port.AutopilotPort`."""
+
+    def receive(self, now_ns: int) -> None: ...
+    def drain(self, now_ns: int) -> None: ...
+    def command(self, wanted: VehicleCommand, now_ns: int) -> VehicleCommand: ...
+    def poll(self, now_ns: int) -> None: ...
+    def state(self, now_ns: int) -> VehicleState: ...
+    def critical(self, critical: bool) -> None: ...
+    def holding(self, now_ns: int) -> bool: ...
+
+
+class Log(TextLog, Protocol):
+    """The part of `record.Recorder` that the loop feeds."""
+
+    @property
+    def stopped(self) -> str: ...
+    def observation(self, observation: Observation) -> None: ...
+    def heard(self, robot_id: int, datagram: bytes, outcome_name: str, now_ns: int) -> None: ...
+    def sent(self, robot_id: int, datagram: bytes, now_ns: int) -> None: ...
+    def decision(self, decision: Decision, wanted: VehicleCommand, sent: VehicleCommand, now_ns: int) -> None: ...
+    def vehicle(self, robot_id: int, state: VehicleState, now_ns: int) -> None: ...
+    def belief(self, robot_id: int, belief: ByteGrid, grid: GridSpec, now_ns: int) -> None: ...
+    def poll(self, now_ns: int) -> None: ...
+
+
+class Saver(Protocol):
+    """Keeps states; see `persist.StateSaver`."""
+
+    failed: int
+    last_error: str
+
+    def save_soon(self, state: SavedState) -> None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Ports:
+    """Everything that the daemon touches."""
+
+    radio: Transport
+    perception: Source
+    vehicle: Vehicle
+    clock_ns: Callable[[], int]
+    log: Log | None = None
+    saver: Saver | None = None
+    published: Callable[[Snapshot], None] = lambda snapshot: None
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What of the configuration the loop itself needs."""
+
+    tick_ns: int = NS_PER_S // 5
+    save_ns: int = NS_PER_S
+    dry_run: bool = False
+    hold_on_stop: bool = True
+
+
+class Daemon:
+    """One robot's loop. Call `step` whenever something has come in, and no later than `due_ns`."""
+
+    def __init__(
+        self, agent: Agent, perception: Perception, budget: ByteBudget, ports: Ports, settings: Settings
+    ) -> None:
+        self.agent = agent
+        self.agent.shadow = settings.dry_run
+        self.perception = perception
+        self.budget = budget
+        self.counters = Counters()
+        self.journal = Journal(agent.identity.robot_id, ports.log)
+        self._ports = ports
+        self._settings = settings
+        self._robot_id = agent.identity.robot_id
+        self._started_ns = self._stepped_ns = self._tick_due_ns = self._save_due_ns = ports.clock_ns()
+        self._reason = Reason.NOTHING_LEFT
+        self._useless_logged = 0
+
+    @property
+    def due_ns(self) -> int:
+        """When `step` must be called again, whatever comes in."""
+        return min(self._tick_due_ns, self._stepped_ns + POLL_NS)
+
+    def step(self, now_ns: int) -> None:
+        """Take in what has come, and do what is due at `now_ns`."""
+        if now_ns - self._stepped_ns > STALL_NS:
+            self._stalled(now_ns)
+        self._stepped_ns = now_ns
+        self._listen(now_ns)
+        self._ports.vehicle.receive(now_ns)
+        self._look(now_ns)
+        if now_ns >= self._tick_due_ns:
+            self._tick(now_ns)
+        self._ports.vehicle.poll(now_ns)
+        if self._ports.log is not None:
+            self._ports.log.poll(now_ns)
+
+    def stop(self, now_ns: int) -> bool:
+        """One step towards the end, as often as `step`; true when the vehicle is in the configured safe state."""
+        vehicle = self._ports.vehicle
+        vehicle.receive(now_ns)
+        if self._settings.hold_on_stop and not self._settings.dry_run:
+            vehicle.command(Hold("stopped"), now_ns)
+        vehicle.poll(now_ns)
+        self._stepped_ns = now_ns
+        return self._settings.dry_run or not self._settings.hold_on_stop or vehicle.holding(now_ns)
+
+    def state(self) -> SavedState:
+        """What survives a restart."""
+        return snapshot(self.agent, self._ports.clock_ns())
+
+    def _stalled(self, now_ns: int) -> None:
+        """What queued up while the loop stood still would be taken for fresh: throw it away, it comes again."""
+        for source in (self._ports.radio, self._ports.perception):
+            while source.receive():
+                pass
+        self._ports.vehicle.drain(now_ns)
+        self.counters.stalls += 1
+        self.journal.warning("loop stood still", now_ns, seconds=(now_ns - self._stepped_ns) / NS_PER_S)
+
+    def _listen(self, now_ns: int) -> None:
+        """Hear the neighbours; what they may have missed from each other is passed on at once."""
+        relays = []
+        for data in self._ports.radio.receive():
+            heard = self.agent.hear(data, now_ns)
+            if heard.relay is not None:
+                relays.append(heard.relay)
+            if self._ports.log is not None and self._worth_logging(heard.outcome):
+                self._ports.log.heard(self._robot_id, data, heard.outcome.value, now_ns)
+        if relays:
+            self._send((), relays, now_ns)
+
+    def _worth_logging(self, outcome: HearOutcome) -> bool:
+        if outcome in _EFFECTIVE:
+            return True
+        self._useless_logged += 1
+        return self._useless_logged <= MAX_USELESS_LOGGED
+
+    def _look(self, now_ns: int) -> None:
+        for data in self._ports.perception.receive():
+            observation = self.perception.take(data, now_ns, self._ports.vehicle.state(now_ns).cell)
+            if observation is None:
+                self.journal.warning("observation dropped", now_ns, last_malformed=self.perception.last_error)
+                continue
+            self.agent.observe(observation)
+            if self._ports.log is not None:
+                self._ports.log.observation(observation)
+
+    def _tick(self, now_ns: int) -> None:
+        behind = (now_ns - self._tick_due_ns) // self._settings.tick_ns
+        self._tick_due_ns += (behind + 1) * self._settings.tick_ns
+        self.counters.ticks_skipped += behind
+        self._useless_logged = 0
+        vehicle = self._ports.vehicle
+        state = vehicle.state(now_ns)
+        self.agent.has_vehicle = usable(state, now_ns, self._settings.dry_run)
+        decision = self.agent.decide(now_ns)
+        decision = replace(decision, latency_ns=self._ports.clock_ns() - now_ns)
+        wanted = to_command(self.agent.identity.kind, decision.assignment)
+        sent = wanted if self._settings.dry_run else vehicle.command(wanted, now_ns)
+        self._account(decision, wanted, sent, now_ns)
+        self._record(decision, wanted, sent, state, now_ns)
+        self._send((self.agent.beacon(now_ns),), (), now_ns)
+        if self._ports.saver is not None and now_ns >= self._save_due_ns:
+            self._save_due_ns = now_ns + self._settings.save_ns
+            self._ports.saver.save_soon(self.state())
+        self._ports.published(self._snapshot(decision, state, now_ns))
+
+    def _send(self, own: Sequence[bytes], relays: Sequence[bytes], now_ns: int) -> None:
+        for data in self.budget.admit(own, relays, now_ns):
+            self._ports.radio.send(data)
+            if self._ports.log is not None:
+                self._ports.log.sent(self._robot_id, data, now_ns)
+
+    def _account(self, decision: Decision, wanted: VehicleCommand, sent: VehicleCommand, now_ns: int) -> None:
+        was_critical = self.counters.critical
+        self.counters.decided(decision)
+        self.counters.commands_changed += sent != wanted
+        self._ports.vehicle.critical(self.counters.critical)
+        if self.counters.critical and not was_critical:
+            self.journal.error("allocator keeps failing", now_ns, fallback=decision.fallback)
+        elif decision.fallback:
+            self.journal.warning("fallback allocator", now_ns, why=decision.fallback, used=decision.allocator)
+        reason = decision.assignment.reason
+        stopped = {Reason.NO_PERCEPTION, Reason.NO_VEHICLE}
+        if reason is not self._reason and {reason, self._reason} & stopped:
+            self.journal.warning(f"{'holding' if reason in stopped else 'going on'}: {reason.value}", now_ns)
+        self._reason = reason
+
+    def _record(
+        self, decision: Decision, wanted: VehicleCommand, sent: VehicleCommand, state: VehicleState, now_ns: int
+    ) -> None:
+        log = self._ports.log
+        if log is None:
+            return
+        log.decision(decision, wanted, Hold("dry run") if self._settings.dry_run else sent, now_ns)
+        log.vehicle(self._robot_id, state, now_ns)
+        log.belief(self._robot_id, self.agent.belief, self.agent.config.grid, now_ns)
+
+    def _snapshot(self, decision: Decision, state: VehicleState, now_ns: int) -> Snapshot:
+        age_ns = self.perception.age_ns(now_ns)
+        saver, log = self._ports.saver, self._ports.log
+        return Snapshot(
+            robot_id=self._robot_id,
+            kind=self.agent.identity.kind.name,
+            allocator=self.agent.allocator.name,
+            dry_run=self._settings.dry_run,
+            t_ns=now_ns,
+            uptime_s=(now_ns - self._started_ns) / NS_PER_S,
+            cell=decision.cell,
+            task=decision.assignment.kind.name,
+            task_cell=decision.assignment.cell,
+            reason=decision.assignment.reason.value,
+            neighbors=self._neighbor_lines(decision, now_ns),
+            vehicle_connected=state.connected,
+            vehicle_ready=state.ready,
+            vehicle_mode=state.mode,
+            vehicle_phase=state.phase,
+            battery_percent=state.battery_percent,
+            perception_age_s=None if age_ns is None else age_ns / NS_PER_S,
+            perception_rate_hz=self.perception.rate_hz(now_ns),
+            decision_ms=decision.latency_ns / 1e6,
+            fallbacks_in_a_row=self.counters.fallbacks_in_a_row,
+            log_problem=log.stopped if log is not None else "",
+            state_problem=f"state is not saved: {saver.last_error}" if saver is not None and saver.last_error else "",
+            counters=self._all_counters(),
+        )
+
+    def _neighbor_lines(self, decision: Decision, now_ns: int) -> list[NeighborLine]:
+        return [
+            NeighborLine(
+                n.robot_id,
+                n.message.kind.name,
+                n.message.cell,
+                n.message.task.name,
+                n.message.task_cell,
+                n.age_ns(now_ns) / NS_PER_S,
+                n.hops,
+            )
+            for n in self.agent.neighbors.fresh(now_ns, decision.cell)
+        ]
+
+    def _all_counters(self) -> dict[str, int]:
+        counters = {
+            name: getattr(self.counters, name)
+            for name in ("ticks", "ticks_skipped", "stalls", "fallbacks", "late", "retasks", "held", "commands_changed")
+        }
+        groups = (("link", self._ports.radio.counters), ("budget", self.budget.counters))
+        counters |= {f"{group}_{name}": getattr(of, name) for group, of in groups for name in of.__slots__}
+        counters |= {f"heard_{outcome.value}": count for outcome, count in self.agent.neighbors.counters.items()}
+        return counters | {f"observation_{outcome.value}": n for outcome, n in self.perception.counters.items()}

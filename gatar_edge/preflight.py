@@ -1,0 +1,177 @@
+"""From a configuration to a daemon: everything that can be checked without a socket, then everything that opens one.
+
+`prepare` is what `gatar vehicle --check` does; `assemble` goes on from there. Both raise a GatarError of one line that
+says what is wrong and how to mend it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gatar_edge.agent import Identity
+from gatar_edge.allocators.base import Allocator
+from gatar_edge.bridge.link import parse_url
+from gatar_edge.bridge.settings import DriverConfig
+from gatar_edge.errors import ConfigError, GatarError
+from gatar_edge.keys import read_key
+from gatar_edge.message import MESSAGE_BYTES, first_seq
+from gatar_edge.perception_link import local_address
+from gatar_edge.persist import LoadOutcome, Restored, load
+from gatar_edge.transports.budget import ByteBudget
+from gatar_edge.transports.udp import parse_address
+from gatar_edge.types import CellState, RobotKind, RobotState
+from gatar_edge.vehicle_config import VehicleConfig
+from gatar_edge.view import build_view
+
+if TYPE_CHECKING:
+    from gatar_edge.transports.base import Transport
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A configuration that has been found good, with what was read and made on the way."""
+
+    config: VehicleConfig
+    key: bytes
+    allocator: Allocator
+    driver: DriverConfig
+    restored: Restored
+    seq: int
+
+    @property
+    def identity(self) -> Identity:
+        """Who the robot is."""
+        return Identity(self.config.robot.id, self.config.kind, self.config.speed_cells_s)
+
+
+def prepare(config: VehicleConfig, unix_ns: int) -> Prepared:
+    """Check all that needs no socket. Raises the GatarError of the first thing that is wrong."""
+    key = read_key(Path(config.net.key_file))
+    driver = driver_config(config)
+    _check_addresses(config)
+    ByteBudget(config.net.bytes_per_s, sends=max(1, len(config.net.peers) + bool(config.net.group)))
+    for name, folder in (("log.folder", config.log.folder), ("state.file", str(Path(config.state.file).parent))):
+        if config.log.folder if name == "log.folder" else config.state.file:
+            _check_folder(name, Path(folder))
+    allocator = make_allocator(config)
+    restored = Restored(LoadOutcome.ABSENT)
+    if config.state.file:
+        restored = load(Path(config.state.file), config.robot.id, config.agent, unix_ns, config.state.max_age_s)
+    return Prepared(config, key, allocator, driver, restored, first_seq(unix_ns, restored.last_seq))
+
+
+def driver_config(config: VehicleConfig) -> DriverConfig:
+    """The bridge's part. Raises ConfigError for what cannot be flown."""
+    vehicle = config.vehicle
+    return DriverConfig(
+        robot_id=config.robot.id,
+        kind=config.kind,
+        grid=config.grid_spec,
+        sysid=vehicle.sysid or config.robot.id,
+        altitude_m=vehicle.altitude_m,
+        altitude_band_m=vehicle.altitude_band_m,
+        speed_m_s=config.robot.speed_m_s,
+        fence_deg=tuple(vehicle.fence) or None,
+        drive=vehicle.drive,
+        auto_launch=False,  # the daemon decides, see assemble
+        log_frames=bool(config.log.folder),
+    )
+
+
+def make_allocator(config: VehicleConfig) -> Allocator:
+    """The configured allocator, tried once: a model that cannot decide is found out here. Raises GatarError."""
+    from gatar_edge.allocators.registry import make
+
+    model = config.model
+    if model.file and model.allocator != "gatar":
+        raise ConfigError(f"model.file is for the allocator gatar, not {model.allocator}: leave one of them out")
+    allocator = make(f"gatar:{model.file}" if model.file else model.allocator)()
+    belief = np.full((config.grid.width, config.grid.height), CellState.FREE, dtype=np.uint8)
+    belief[-1, -1] = CellState.TARGET
+    ego = RobotState(config.robot.id, config.kind, (0, 0), config.speed_cells_s)
+    other = RobotState(config.robot.id + 1, RobotKind.UAV, (0, 0), config.speed_cells_s)
+    team = config.team
+    view = build_view(0, ego, [other], belief, team.r_comm, team.hop_limit, team.max_candidates)
+    try:
+        allocator.allocate(view)
+    except GatarError:
+        raise
+    except Exception as error:  # of whatever library the model runs on
+        raise ConfigError(f"allocator {allocator.name} cannot decide: {type(error).__name__}: {error}") from error
+    return allocator
+
+
+def describe(prepared: Prepared, *, dry_run: bool) -> list[str]:
+    """What the daemon would do, for people."""
+    config, net, vehicle = prepared.config, prepared.config.net, prepared.config.vehicle
+    reach = ", ".join([*net.peers, *([f"group {net.group}"] if net.group else [])]) or "whoever listens"
+    share = MESSAGE_BYTES * config.loop.tick_hz * max(1, len(net.peers) + bool(net.group))
+    grid = config.grid
+    return [
+        f"robot      {config.kind.name} {config.robot.id}, {config.robot.speed_m_s:g} m/s",
+        f"grid       {grid.width} x {grid.height} cells of {grid.cell_m:g} m from {grid.origin_lat_deg:.7f}, "
+        f"{grid.origin_lon_deg:.7f}, turned {grid.heading_deg:g} deg; team digest {config.agent.digest():08x}",
+        f"decides    {prepared.allocator.name} {config.loop.tick_hz:g} times a second, "
+        f"{config.loop.deadline_ms:g} ms each; then greedy decides",
+        f"neighbours {net.transport} on {net.listen} to {reach}; own messages {share:.0f} of {net.bytes_per_s} bytes/s",
+        f"vehicle    {vehicle.url}, system {prepared.driver.sysid}, {_launching(config, dry_run)}",
+        f"perception {config.perception.listen}; older than {config.team.perception_max_age_s:g} s: hold",
+        f"on stop    {vehicle.on_stop}",
+        f"log        {config.log.folder or 'none'}",
+        f"state      {config.state.file or 'none'} ({prepared.restored.outcome.value}), next message {prepared.seq}",
+        f"watch      {config.watch.http or 'none'}",
+    ]
+
+
+def open_radio(config: VehicleConfig) -> Transport:
+    """The configured transport. Raises LinkError, or MissingExtraError for one whose library is not installed."""
+    from gatar_edge.transports.udp import UdpTransport
+
+    net = config.net
+    return UdpTransport(net.listen, net.peers, net.group or None)
+
+
+def anchored_clock() -> Callable[[], int]:
+    """A clock that never jumps, yet tells the time of day as it was known at the start: nanoseconds since 1970.
+
+    Ages and deadlines need the first, logs of several robots the second.
+    """
+    offset_ns = time.time_ns() - time.monotonic_ns()
+    return lambda: time.monotonic_ns() + offset_ns
+
+
+def _launching(config: VehicleConfig, dry_run: bool) -> str:
+    height = f" to {config.vehicle.altitude_m:g} m" if config.kind is RobotKind.UAV else ""
+    if dry_run:
+        return "shadow mode: no command is sent"
+    if config.vehicle.launch == "auto":
+        return f"ARMS AND STARTS BY ITSELF{height}"
+    return f"takes over when a person has armed it{height}"
+
+
+def _check_addresses(config: VehicleConfig) -> None:
+    parse_url(config.vehicle.url)
+    if not config.perception.listen.startswith("unix:"):
+        local_address(config.perception.listen, allow_remote=config.perception.allow_remote)
+    if config.watch.http:
+        parse_address(config.watch.http, "watch.http")
+    if config.net.transport == "udp":
+        parse_address(config.net.listen, "net.listen")
+        for peer in config.net.peers:
+            parse_address(peer, "net.peers", lowest_port=1)
+
+
+def _check_folder(name: str, folder: Path) -> None:
+    """Make the folder where it is missing, and see that files can be made in it."""
+    with contextlib.suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+    if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
+        raise ConfigError(f"{name}: folder {folder} cannot be written to: make it, or give another one")

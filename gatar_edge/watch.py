@@ -1,0 +1,134 @@
+"""Being watched: the service manager's notifications, and /healthz and /metrics on loopback.
+
+The loop publishes a snapshot a tick. HTTP is answered in a thread of its own, so that a hung loop can still be seen:
+/healthz then says for how long there has been no tick.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import http.server
+import os
+import socket
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import msgspec
+
+from gatar_edge.errors import LinkError
+from gatar_edge.health import Snapshot
+from gatar_edge.metrics import exporter
+from gatar_edge.transports.udp import parse_address
+from gatar_edge.types import NS_PER_S
+
+HUNG_NS = 2 * NS_PER_S  # without a tick
+STATUS_NS = NS_PER_S
+METRICS_HINT = "metrics need prometheus-client, which is not installed: pip install 'gatar-edge[metrics]'\n"
+
+
+class Notifier:
+    """sd_notify(3): READY=1 after the first tick, WATCHDOG=1 with each, STATUS= once a second; silent elsewhere."""
+
+    def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
+        address = environment.get("NOTIFY_SOCKET", "")
+        self._address = "\0" + address[1:] if address.startswith("@") else address  # @: an abstract socket
+        self._ready = False
+        self._status_ns: int | None = None
+
+    def published(self, snapshot: Snapshot) -> None:
+        """Tell the service manager that a tick has been done."""
+        lines = ["WATCHDOG=1"]
+        if not self._ready:
+            lines.append("READY=1")
+            self._ready = True
+        if self._status_ns is None or snapshot.t_ns - self._status_ns >= STATUS_NS:
+            lines.append("STATUS=" + snapshot.line)
+            self._status_ns = snapshot.t_ns
+        self._send(lines)
+
+    def stopping(self) -> None:
+        """Tell that the end has begun."""
+        self._send(["STOPPING=1", "STATUS=stopping"])
+
+    def _send(self, lines: list[str]) -> None:
+        if not self._address:
+            return
+        with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+            sender.sendto("\n".join(lines).encode(), self._address)
+
+
+class HttpWatch:
+    """Answers GET /healthz (200 or 503, JSON) and GET /metrics (Prometheus text). Raises LinkError for a used port."""
+
+    def __init__(self, listen: str, clock_ns: Callable[[], int]) -> None:
+        self._clock_ns = clock_ns
+        self._snapshot: Snapshot | None = None
+        self._metrics = exporter(lambda: self._snapshot)
+        host, port = parse_address(listen, "watch.http")
+        try:
+            self._server = http.server.ThreadingHTTPServer((host, port), self._handler())
+        except OSError as error:
+            raise LinkError(
+                f"watch.http cannot listen on {listen} ({error.strerror}): stop the program that uses it, "
+                "or give another address"
+            ) from error
+        self._server.daemon_threads = True
+        self._thread = threading.Thread(target=self._server.serve_forever, name="watch", daemon=True)
+        self._thread.start()
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """Where it listens."""
+        host, port = self._server.server_address[:2]
+        return str(host), int(port)
+
+    def published(self, snapshot: Snapshot) -> None:
+        """From now on tell of this tick."""
+        self._snapshot = snapshot
+
+    def close(self) -> None:
+        """Stop answering."""
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()
+
+    def answer(self, path: str) -> tuple[int, str, bytes]:
+        """Status, content type and body for a GET of `path`."""
+        if path == "/healthz":
+            problems = self._problems()
+            body = {"ok": not problems, "problems": problems, "state": self._snapshot}
+            return (503 if problems else 200), "application/json", msgspec.json.encode(body)
+        if path == "/metrics":
+            text = self._metrics()
+            return (
+                (501, "text/plain", METRICS_HINT.encode()) if text is None else (200, "text/plain; version=0.0.4", text)
+            )
+        return 404, "text/plain", b"/healthz or /metrics\n"
+
+    def _problems(self) -> list[str]:
+        snapshot = self._snapshot
+        if snapshot is None:
+            return ["no tick yet"]
+        silent_ns = self._clock_ns() - snapshot.t_ns
+        hung = [f"no tick for {silent_ns / NS_PER_S:.1f} s"] if silent_ns > HUNG_NS else []
+        return hung + snapshot.problems
+
+    def _handler(self) -> type[http.server.BaseHTTPRequestHandler]:
+        answer = self.answer
+
+        class Handler(http.server.BaseHTTPRequestHandler):
+            timeout = 5  # for a client that connects and says nothing
+
+            def do_GET(self) -> None:
+                status, content_type, body = answer(self.path)
+                self.send_response(status)
+                self.send_header("Content-Type", content_type)
+                self.send_header("Content-Length", str(len(body)))
+                self.end_headers()
+                self.wfile.write(body)
+
+            def log_message(self, format: str, *args: Any) -> None:
+                """Say nothing: watching is no event."""
+
+        return Handler

@@ -1,0 +1,58 @@
+"""The cable or telemetry radio between a companion and its autopilot, with its faults. No sockets, no clock."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+from gatar_edge.sim_sitl.faults import InFlight, Lane, LinkFaults
+
+_STX_V1, _STX_V2 = 0xFE, 0xFD
+_OVERHEAD_V1, _OVERHEAD_V2, _SIGNATURE = 8, 12, 13
+
+
+class End(IntEnum):
+    """The two ends of a link."""
+
+    COMPANION = 0
+    VEHICLE = 1
+
+    @property
+    def other(self) -> End:
+        """The end that hears this one."""
+        return End(1 - self)
+
+
+def split_frames(data: bytes) -> list[bytes]:
+    """MAVLink frames one by one, since each is a datagram of its own; what is no frame stays in one piece."""
+    frames = []
+    start = 0
+    while start < len(data):
+        length = len(data) - start
+        if length >= 3 and data[start] == _STX_V2:
+            length = min(length, _OVERHEAD_V2 + data[start + 1] + (_SIGNATURE if data[start + 2] & 1 else 0))
+        elif length >= 2 and data[start] == _STX_V1:
+            length = min(length, _OVERHEAD_V1 + data[start + 1])
+        frames.append(data[start : start + length])
+        start += length
+    return frames
+
+
+class FaultyLink:
+    """Carries whole frames both ways; each direction has its own faults."""
+
+    def __init__(self, to_vehicle: LinkFaults, to_companion: LinkFaults, seed: int = 0, name: str = "") -> None:
+        self._lanes = {
+            End.COMPANION: Lane(to_vehicle, f"link/{seed}/{name}/to_vehicle"),
+            End.VEHICLE: Lane(to_companion, f"link/{seed}/{name}/to_companion"),
+        }
+        self._in_flight: InFlight[End] = InFlight()
+
+    def send(self, now_ns: int, sender: End, data: bytes) -> None:
+        """Send frames from one end."""
+        for frame in split_frames(data):
+            for due_ns in self._lanes[sender].arrivals(now_ns):
+                self._in_flight.add(due_ns, sender.other, frame)
+
+    def deliver(self, now_ns: int) -> list[tuple[End, bytes]]:
+        """(receiving end, frame) for all that has arrived by now."""
+        return self._in_flight.take(now_ns)

@@ -1,0 +1,268 @@
+"""The whole team in one process: agents, radio, bridge, autopilots and physics on one virtual clock.
+
+The composition root of the simulator, and the only file of it that knows the bridge. Nothing here sleeps: the caller
+advances the time, as fast as it likes (lock-step) or with the wall clock (real time).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from gatar_edge.agent import Agent, Identity, Inbox
+from gatar_edge.allocators.base import Allocator
+from gatar_edge.bridge.driver import VehicleDriver
+from gatar_edge.bridge.settings import DriverConfig
+from gatar_edge.config import AgentConfig
+from gatar_edge.foxglove import Level
+from gatar_edge.keys import DEMO_KEY
+from gatar_edge.record import Recorder
+from gatar_edge.sim_sitl.body import Body, StackName
+from gatar_edge.sim_sitl.faults import Faults
+from gatar_edge.sim_sitl.faulty_link import End, FaultyLink
+from gatar_edge.sim_sitl.radio import Radio
+from gatar_edge.sim_sitl.tally import Result, Tally
+from gatar_edge.sim_sitl.world import World, observe
+from gatar_edge.types import (
+    NS_PER_S,
+    Cell,
+    Decision,
+    Observation,
+    VehicleCommand,
+)
+
+PUMPS = 8  # exchanges between driver and autopilot within one instant, at most
+
+
+@dataclass(frozen=True, slots=True)
+class FleetConfig:
+    """One simulated mission."""
+
+    world: World
+    agent: AgentConfig
+    stacks: tuple[StackName, ...]  # by robot index
+    faults: Faults = field(default_factory=Faults)  # times of kills count from the end of the launch
+    speed_m_s: float = 5.0
+    altitude_m: float = 15.0
+    altitude_step_m: float = 2.0  # every UAV has its own layer
+    physics_s: float = 0.1
+    tick_s: float = 0.5
+    launch_timeout_s: float = 120.0
+    max_steps: int = 500
+
+    @property
+    def step_ns(self) -> int:
+        """A step: the time in which a robot at cruise speed crosses one cell."""
+        return int(self.agent.grid.cell_m / self.speed_m_s * NS_PER_S)
+
+
+class Gateway(Protocol):
+    """Where the rest of the world, such as a ground station, reaches the autopilots."""
+
+    def send(self, data: bytes) -> None:
+        """What an autopilot says."""
+
+    def receive(self) -> list[bytes]:
+        """What was said to the autopilots."""
+
+
+class Robot:
+    """One robot of the fleet: its mind, its bridge, its vehicle, and the wire between the last two."""
+
+    def __init__(self, index: int, config: FleetConfig, allocator: Allocator) -> None:
+        grid = config.agent.grid
+        self.body = Body(config.world, index, grid, config.stacks[index], config.speed_m_s)
+        self.robot_id = self.body.robot_id
+        self.kind = self.body.kind
+        identity = Identity(self.robot_id, self.kind, config.speed_m_s / grid.cell_m)
+        self.agent = Agent(identity, config.agent, allocator, DEMO_KEY)
+        self.driver = VehicleDriver(
+            DriverConfig(
+                robot_id=self.robot_id,
+                kind=self.kind,
+                grid=grid,
+                sysid=self.robot_id,
+                altitude_m=config.altitude_m + index * config.altitude_step_m,
+                speed_m_s=config.speed_m_s,
+            ),
+            0,
+        )
+        self.alive = True
+        seed = config.world.seed * 64 + index
+        self._wire = FaultyLink(config.faults.to_vehicle, config.faults.to_companion, seed=seed)
+
+    def advance(self, now_ns: int, gateway: Gateway | None) -> None:
+        """Physics up to now, then let companion and autopilot talk until they have nothing more to say."""
+        self.body.step(now_ns)
+        for _ in range(PUMPS):
+            said = self.body.autopilot.take()
+            if gateway is not None and said:
+                gateway.send(said)
+            self._wire.send(now_ns, End.VEHICLE, said)
+            self._wire.send(now_ns, End.COMPANION, self.driver.poll(now_ns))
+            arrived = self._wire.deliver(now_ns)
+            for end, data in arrived:
+                receiver = self.driver if end is End.COMPANION else self.body.autopilot
+                receiver.receive(data, now_ns)
+            if not arrived:
+                break
+
+
+class Fleet:
+    """All robots of a mission. Call `advance` with rising times; then read `tally`."""
+
+    def __init__(
+        self,
+        config: FleetConfig,
+        allocator: Callable[[], Allocator],
+        log: Recorder | None = None,
+        gateway: Gateway | None = None,
+    ) -> None:
+        self.config = config
+        self.log = log
+        self.gateway = gateway
+        self.robots = [Robot(index, config, allocator()) for index in range(len(config.world.team.kinds))]
+        self.radio = Radio(config.agent.r_comm, config.faults.radio, config.world.seed)
+        self.tally = Tally(config.world, self.robots[0].agent.allocator.name)
+        self.began_ns: int | None = None  # when the launch was over
+        self._by_id = {robot.robot_id: robot for robot in self.robots}
+        self._next_tick_ns = 0
+        self._launch_m: dict[int, float] = {}
+
+    @property
+    def over(self) -> bool:
+        """Nothing left to localize, or out of time."""
+        return self.began_ns is not None and (self.tally.left == 0 or self.step >= self.config.max_steps)
+
+    @property
+    def step(self) -> float:
+        """The mission's time in steps."""
+        return 0.0 if self.began_ns is None else (self._now_ns - self.began_ns) / self.config.step_ns
+
+    def advance(self, now_ns: int) -> None:
+        """Let the world go on up to `now_ns`; the minds tick when their time has come."""
+        self._now_ns = now_ns
+        for data in self.gateway.receive() if self.gateway is not None else ():
+            for robot in self.robots:
+                robot.body.autopilot.receive(data, now_ns)
+        for robot in self.robots:
+            if robot.alive:
+                robot.advance(now_ns, self.gateway)
+                self._record_wire(robot, now_ns)
+        if self.began_ns is None and self._launched(now_ns):
+            self.began_ns = self._next_tick_ns = now_ns
+            if self.log is not None:
+                self.log.truth_map(self.config.world.obstacles, self.config.world.targets, now_ns)
+            self._launch_m = {robot.robot_id: robot.body.travelled_m for robot in self.robots}
+        if self.began_ns is not None:
+            self._die()
+            self._deliver(now_ns)
+            if now_ns >= self._next_tick_ns:
+                self._next_tick_ns += int(self.config.tick_s * NS_PER_S)
+                self._tick(now_ns)
+        if self.log is not None:
+            self.log.poll(now_ns)
+
+    def result(self) -> Result:
+        """The mission's figures."""
+        for robot in self.robots:
+            flown_m = robot.body.travelled_m - self._launch_m.get(robot.robot_id, 0.0)
+            self.tally.distance[robot.kind.name] += flown_m / self.config.agent.grid.cell_m
+        return self.tally.result(self.step)
+
+    def _launched(self, now_ns: int) -> bool:
+        ready = all(robot.driver.state(now_ns).ready for robot in self.robots)
+        return ready or now_ns >= self.config.launch_timeout_s * NS_PER_S
+
+    def _die(self) -> None:
+        assert self.began_ns is not None
+        for robot in self.robots:
+            if robot.alive and self.config.faults.killed(robot.robot_id, self._now_ns - self.began_ns):
+                robot.alive = False
+                if self.log is not None:
+                    self.log.text(Level.WARNING, robot.robot_id, "killed by the scenario", self._now_ns)
+
+    def _positions(self) -> dict[int, Cell]:
+        return {robot.robot_id: robot.body.cell for robot in self.robots if robot.alive}
+
+    def _deliver(self, now_ns: int) -> None:
+        """Everything that is due on the air, relays at once."""
+        positions = self._positions()
+        while deliveries := self.radio.deliver(now_ns):
+            for receiver, datagram in deliveries:
+                robot = self._by_id[receiver]
+                if not robot.alive:
+                    continue
+                heard = robot.agent.hear(datagram, now_ns)
+                if self.log is not None:
+                    self.log.heard(receiver, datagram, heard.outcome.value, now_ns)
+                if heard.relay is not None:
+                    self._send(robot, heard.relay, positions, now_ns)
+
+    def _send(self, robot: Robot, datagram: bytes, positions: dict[int, Cell], now_ns: int) -> None:
+        self.tally.sent(datagram)
+        self.radio.send(now_ns, robot.robot_id, datagram, positions)
+        if self.log is not None:
+            self.log.sent(robot.robot_id, datagram, now_ns)
+
+    def _tick(self, now_ns: int) -> None:
+        """One tick of every mind."""
+        positions = self._positions()
+        decisions = []
+        for robot in self.robots:
+            if not robot.alive:
+                continue
+            cell = robot.body.cell
+            if self.tally.visit(cell, self.step) and self.log is not None:
+                self.log.truth_visit(robot.robot_id, cell, self.step, now_ns)
+            seen = observe(self.config.world, robot.robot_id, cell, self.config.agent.r_sense, now_ns)
+            start_ns = time.perf_counter_ns()
+            out = robot.agent.tick(now_ns, Inbox(seen))
+            latency_ns = time.perf_counter_ns() - start_ns
+            sent = robot.driver.command(out.command, now_ns)
+            self.tally.decided(out.decision, latency_ns)
+            decisions.append(out.decision)
+            if self.log is not None:
+                decision = dataclasses.replace(out.decision, latency_ns=latency_ns)
+                self._record(robot, seen, decision, (out.command, sent), now_ns)
+            self._send(robot, out.message, positions, now_ns)
+        self.tally.decided_together(decisions)
+        if self.log is not None:
+            self.log.truth_positions(((robot.robot_id, *robot.body.xy) for robot in self.robots), now_ns)
+
+    def _record_wire(self, robot: Robot, now_ns: int) -> None:
+        """Empty the driver's buffers, into the log where there is one."""
+        frames, events = robot.driver.frames(), robot.driver.events()
+        if self.log is None:
+            return
+        for frame in frames:
+            self.log.mavlink(robot.robot_id, "tx" if frame.outgoing else "rx", frame.raw, frame.t_ns)
+        for event in events:
+            self.log.text(Level.INFO, robot.robot_id, event.text, event.t_ns)
+
+    def _record(
+        self,
+        robot: Robot,
+        seen: Observation,
+        decision: Decision,
+        commands: tuple[VehicleCommand, VehicleCommand],
+        now_ns: int,
+    ) -> None:
+        assert self.log is not None
+        self.log.observation(seen)
+        self.log.decision(decision, commands[0], commands[1], now_ns)
+        self.log.vehicle(robot.robot_id, robot.driver.state(now_ns), now_ns)
+        self.log.belief(robot.robot_id, robot.agent.belief, self.config.agent.grid, now_ns)
+
+
+def lock_step(fleet: Fleet) -> Iterator[int]:
+    """Fly the mission in virtual time, as fast as the machine can; yields the time after each slice of physics."""
+    slice_ns = int(fleet.config.physics_s * NS_PER_S)
+    now_ns = 0
+    while not fleet.over:
+        fleet.advance(now_ns)
+        yield now_ns
+        now_ns += slice_ns

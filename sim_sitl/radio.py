@@ -1,0 +1,49 @@
+"""The radio between robots: a disc of range, and what goes wrong on the way. No sockets, no clock."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from gatar_edge.errors import ConfigError
+from gatar_edge.sim_sitl.faults import InFlight, Lane, LinkFaults
+
+Position = tuple[float, float]
+
+
+class Radio:
+    """Broadcasts datagrams to all robots within `range_cells` of the sender at the time of sending."""
+
+    def __init__(self, range_cells: float, faults: LinkFaults | None = None, seed: int = 0) -> None:
+        if not range_cells >= 0:
+            raise ConfigError(f"radio range is {range_cells} cells, must be 0 or more")
+        self._range_cells = range_cells
+        self._faults = faults or LinkFaults()
+        self._seed = seed
+        self._lanes: dict[tuple[int, int], Lane] = {}
+        self._in_flight: InFlight[int] = InFlight()
+        self.sent = self.delivered = self.sent_bytes = 0
+
+    def send(self, now_ns: int, sender: int, datagram: bytes, positions: Mapping[int, Position]) -> None:
+        """Broadcast: `positions` holds the cells of all robots that exist now, the sender among them."""
+        self.sent += 1
+        self.sent_bytes += len(datagram)
+        x, y = positions[sender]
+        for receiver in sorted(positions):
+            there = positions[receiver]
+            if receiver == sender or math.hypot(there[0] - x, there[1] - y) > self._range_cells:
+                continue
+            for due_ns in self._lane(sender, receiver).arrivals(now_ns):
+                self._in_flight.add(due_ns, receiver, datagram)
+
+    def deliver(self, now_ns: int) -> list[tuple[int, bytes]]:
+        """(receiver, datagram) for all that has arrived by now."""
+        arrived = self._in_flight.take(now_ns)
+        self.delivered += len(arrived)
+        return arrived
+
+    def _lane(self, sender: int, receiver: int) -> Lane:
+        lane = self._lanes.get((sender, receiver))
+        if lane is None:
+            lane = self._lanes[sender, receiver] = Lane(self._faults, f"radio/{self._seed}/{sender}/{receiver}")
+        return lane

@@ -1,0 +1,78 @@
+"""`gatar init`: what it writes is what `gatar vehicle` reads, and nothing is overwritten unasked."""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from gatar_edge.commands.init import command
+from gatar_edge.errors import ConfigError
+from gatar_edge.keys import read_key
+from gatar_edge.vehicle_config import VehicleConfig, read_config
+
+GIVEN = ("--id", "3", "--kind", "uav", "--origin", "47.4,-8.5", "--url", "udpin:127.0.0.1:14551")
+
+
+def init(folder: Path, *arguments: str, answers: str = "") -> Result:
+    result = CliRunner().invoke(command, ["--config", str(folder / "vehicle.toml"), *arguments], input=answers)
+    if isinstance(result.exception, Exception) and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
+def test_what_is_written_is_read_back_with_a_private_key(tmp_path: Path) -> None:
+    result = init(tmp_path, *GIVEN, "--size", "20x10", "--peer", "10.0.0.2:14600", "--http", "127.0.0.1:9100")
+    assert result.exit_code == 0
+    config = read_config(tmp_path / "vehicle.toml")
+    assert (config.robot.id, config.robot.kind, config.grid.width, config.grid.height) == (3, "UAV", 20, 10)
+    assert (config.grid.origin_lat_deg, config.grid.origin_lon_deg) == (47.4, -8.5)
+    assert (config.net.peers, config.net.group, config.watch.http) == (["10.0.0.2:14600"], "", "127.0.0.1:9100")
+    assert stat.S_IMODE((tmp_path / "team.key").stat().st_mode) == 0o600
+    assert len(read_key(tmp_path / "team.key")) == 32
+
+
+def test_the_commented_lines_of_the_template_are_the_defaults(tmp_path: Path) -> None:
+    init(tmp_path, *GIVEN)
+    path = tmp_path / "vehicle.toml"
+    before = read_config(path)
+    lines = path.read_text().splitlines()
+    examples = ("# file =", "# fence =", "# One robot", "# Only ")
+    path.write_text("\n".join(line if line.startswith(examples) else line.removeprefix("# ") for line in lines))
+    assert read_config(path) == before
+    assert isinstance(before, VehicleConfig)
+
+
+def test_what_is_not_given_is_asked_for(tmp_path: Path) -> None:
+    result = init(tmp_path, answers="7\nUGV\n1.5,2.5\nserial:/dev/ttyAMA0:921600\n")
+    assert result.exit_code == 0
+    assert read_config(tmp_path / "vehicle.toml").vehicle.url == "serial:/dev/ttyAMA0:921600"
+
+
+def test_an_existing_configuration_and_key_are_kept(tmp_path: Path) -> None:
+    init(tmp_path, *GIVEN)
+    key = (tmp_path / "team.key").read_bytes()
+    with pytest.raises(ConfigError, match="--force"):
+        init(tmp_path, *GIVEN)
+    assert "kept" in init(tmp_path, *GIVEN, "--force").output
+    assert (tmp_path / "team.key").read_bytes() == key
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--origin", "47.4"), "--origin"),
+        (("--size", "15"), "--size"),
+        (("--size", "0x5"), "$.grid.width"),
+        (("--origin", "95,0"), "$.grid.origin_lat_deg"),
+        (("--speed-m-s", "nan"), "$.robot.speed_m_s"),
+        (("--key-file", "absent/team.key"), "absent/team.key cannot be made"),
+    ],
+)
+def test_a_wrong_value_is_one_line_and_writes_nothing(tmp_path: Path, arguments: tuple[str, str], words: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        init(tmp_path, *GIVEN, *arguments)
+    assert words in str(caught.value)
+    assert not (tmp_path / "vehicle.toml").exists()
