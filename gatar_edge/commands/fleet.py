@@ -114,13 +114,6 @@ def table(rows: list[TeamRow], view: TeamView) -> Table:
     for name in ("robot", "cell", "task", "way", "age", "hops", "loss", "rate", "team"):
         shown.add_column(name, justify="left" if name in {"robot", "task", "team"} else "right")
     for row in rows:
-        task = (
-            "stands still"
-            if not row.moves
-            else "hold"
-            if row.task == "HOLD"
-            else f"{row.task.lower()} {_cell(row.task_cell)}"
-        )
         shown.add_row(
             f"{row.kind} {row.robot_id}",
             _cell(row.cell),

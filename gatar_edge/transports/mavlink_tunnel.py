@@ -30,7 +30,7 @@ class MavlinkTunnel:
     sends = 1
     problem = ""
 
-    def __init__(self, send: Callable[[bytes], None], fileno: Callable[[], int], sysid: int) -> None:
+    def __init__(self, send: Callable[[bytes], object], fileno: Callable[[], int], sysid: int) -> None:
         self.counters = LinkCounters()
         self._send = send
         self._fileno = fileno
