@@ -80,6 +80,10 @@ class Link(ABC):
         """Send frames, on a link of several vehicles to the one of this system id. False: dropped."""
 
     @abstractmethod
+    def fileno(self) -> int:
+        """What `select` waits on until `receive` has something; -1 while there is no connection."""
+
+    @abstractmethod
     def close(self) -> None:
         """Free the port."""
 
@@ -146,6 +150,10 @@ class UdpLink(Link):
             return False
         return True
 
+    def fileno(self) -> int:
+        """The socket."""
+        return self._socket.fileno()
+
     def close(self) -> None:
         """Free the port."""
         self._socket.close()
@@ -193,6 +201,10 @@ class StreamLink(Link):
             self._drop()
             return False
 
+    def fileno(self) -> int:
+        """The connection; another one after it broke."""
+        return -1 if self._port is None else int(self._port.fileno())
+
     def close(self) -> None:
         """Free the port; it is not opened again."""
         self._tried_s = float("inf")
@@ -228,17 +240,30 @@ class _SerialPort:
     def send(self, data: bytes) -> int:
         return int(self._port.write(data) or 0)
 
+    def fileno(self) -> int:
+        return int(self._port.fileno())
+
     def close(self) -> None:
         self._port.close()
 
 
-def open_link(url: str) -> Link:
-    """Open a link by its URL; `LinkError` with one line where that fails, `MissingExtraError` without pyserial."""
+def check_url(url: str) -> None:
+    """Whether a URL could be opened, without opening it; `LinkError` with one line where it could not."""
     scheme, _, rest = url.partition(":")
     if scheme == "serial":
-        return _open_serial(url, rest)
-    if scheme not in ("udpin", "udpout", "tcp"):
+        _device_baud(url, rest)
+    elif scheme in ("udpin", "udpout", "tcp"):
+        _host_port(url, rest)
+    else:
         raise LinkError(f"link {url!r}: {scheme!r} is unknown; use udpin:, udpout:, tcp: or serial:")
+
+
+def open_link(url: str) -> Link:
+    """Open a link by its URL; `LinkError` with one line where that fails, `MissingExtraError` without pyserial."""
+    check_url(url)
+    scheme, _, rest = url.partition(":")
+    if scheme == "serial":
+        return _open_serial(url, *_device_baud(url, rest))
     host, port = _host_port(url, rest)
     if scheme == "tcp":
         return StreamLink(url, lambda: _connect(host, port))
@@ -259,17 +284,21 @@ def _connect(host: str, port: int) -> socket.socket:
     return connection
 
 
-def _open_serial(url: str, rest: str) -> Link:
+def _device_baud(url: str, rest: str) -> tuple[str, int]:
     device, _, baud = rest.rpartition(":")
     if not device or not baud.isdecimal():
         device, baud = rest, str(DEFAULT_BAUD)
     if not device:
         raise LinkError(f"link {url!r}: expected serial:DEVICE or serial:DEVICE:BAUD, as in serial:/dev/ttyAMA0:57600")
+    return device, int(baud)
+
+
+def _open_serial(url: str, device: str, baud: int) -> Link:
     try:
         module = importlib.import_module("serial")
     except ImportError:
         raise MissingExtraError("a serial link", "serial", "pyserial") from None
-    return StreamLink(url, lambda: _SerialPort(module, device, int(baud)))
+    return StreamLink(url, lambda: _SerialPort(module, device, baud))
 
 
 def _cannot_open(url: str, error: OSError) -> LinkError:

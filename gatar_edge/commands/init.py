@@ -6,10 +6,13 @@ import json
 import os
 import secrets
 from pathlib import Path
+from typing import TypeVar
 
 import click
 
 from gatar_edge.errors import ConfigError
+
+Number = TypeVar("Number", int, float)
 
 TEMPLATE = """\
 # One robot of a gatar-edge team. `gatar vehicle --config {name} --check` says what it would do.
@@ -91,7 +94,7 @@ http = {http}                  # /healthz and /metrics, such as "127.0.0.1:9100"
 @click.option("--listen", default="0.0.0.0:14600", show_default=True, help="Where neighbours are heard.")
 @click.option("--peer", "peers", multiple=True, help="HOST:PORT of a neighbour; may be repeated.")
 @click.option(
-    "--group", default="239.255.71.1:14600", show_default=True, help="Multicast, without peers."
+    "--group", default="239.255.71.1:14600", show_default=True, help="Multicast group, where no peer is given."
 )
 @click.option("--perception", default="127.0.0.1:14700", show_default=True, help="Where observations come in.")
 @click.option("--launch", type=click.Choice(["armed", "auto"]), default="armed", show_default=True)
@@ -108,9 +111,9 @@ def command(path: Path, force: bool, key_file: str, origin: str, size: str, **op
     from gatar_edge.keys import read_key
     from gatar_edge.vehicle_config import parse_config
 
-    lat, lon = _numbers(origin, ",", float, "--origin", "47.397742,8.545594")
-    width, height = _numbers(size.lower(), "x", int, "--size", "15x15")
-    text = configuration(path.name, lat, lon, width, height, key_file, options)
+    corner = _pair(origin, ",", float, "--origin", "47.397742,8.545594")
+    sides = _pair(size.lower(), "x", int, "--size", "15x15")
+    text = configuration(path.name, corner, sides, key_file, options)
     parse_config(text, "what you gave")
     if path.exists() and not force:
         raise ConfigError(f"{path} exists: --force overwrites it, --config writes another")
@@ -129,7 +132,7 @@ def command(path: Path, force: bool, key_file: str, origin: str, size: str, **op
 
 
 def configuration(
-    name: str, lat: float, lon: float, width: int, height: int, key_file: str, options: dict[str, object]
+    name: str, corner: tuple[float, float], sides: tuple[int, int], key_file: str, options: dict[str, object]
 ) -> str:
     """The text of vehicle.toml."""
     peers = list(options["peers"])  # type: ignore[call-overload]
@@ -140,10 +143,10 @@ def configuration(
         id=options["robot_id"],
         kind=json.dumps(str(options["kind"]).upper()),
         speed=options["speed_m_s"],
-        lat=lat,
-        lon=lon,
-        width=width,
-        height=height,
+        lat=corner[0],
+        lon=corner[1],
+        width=sides[0],
+        height=sides[1],
         cell=options["cell_m"],
         r_sense=options["r_sense"],
         r_comm=options["r_comm"],
@@ -154,7 +157,7 @@ def configuration(
     )
 
 
-def _numbers(text: str, separator: str, kind: type[float], option: str, example: str) -> tuple[float, float]:
+def _pair(text: str, separator: str, kind: type[Number], option: str, example: str) -> tuple[Number, Number]:
     try:
         first, second = (kind(part) for part in text.split(separator))
     except ValueError:
