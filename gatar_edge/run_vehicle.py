@@ -142,7 +142,7 @@ def opened(prepared: Prepared, clock_ns: Clock, *, dry_run: bool) -> Iterator[Pr
         stack.callback(perception.close)
         link = open_link(config.vehicle.url)
         stack.callback(link.close)
-        agent = _make_agent(prepared, journal, clock_ns())
+        agent = _make_agent(prepared, journal, log, clock_ns())
         saver = _open_saver(config)
         watchers: list[Callable[[Snapshot], None]] = []
         notifier = Notifier()
@@ -181,13 +181,15 @@ def _settings(config: VehicleConfig, *, dry_run: bool) -> Settings:
     )
 
 
-def _make_agent(prepared: Prepared, journal: Journal, now_ns: int) -> Agent:
+def _make_agent(prepared: Prepared, journal: Journal, log: Recorder | None, now_ns: int) -> Agent:
     allocator = Punctual(prepared.allocator, prepared.config.loop.deadline_ms / 1000, ThreadRunner())
     agent = Agent(prepared.identity, prepared.config.agent, allocator, prepared.key, prepared.seq)
     restored = prepared.restored
     journal.info("saved state", now_ns, outcome=restored.outcome.value, next_seq=prepared.seq)
     if restored.state is not None:
         restore(agent, restored.state)
+        if log is not None:
+            log.takes_over(restored.state, now_ns)
     return agent
 
 

@@ -109,14 +109,18 @@ def fly(config: FleetConfig, allocator: str, log_path: Path | None, *, quiet: bo
     factory = make(allocator)
     log = Recorder(log_path, run_info(config, allocator), 0) if log_path is not None else None
     fleet = Fleet(config, factory, log)
+    now_ns = 0
     try:
         with _progress(fleet, quiet) as update:
             for now_ns in lock_step(fleet):
                 update(now_ns)
+        result = fleet.result()
+        if log is not None:
+            log.result(result.to_json(), now_ns)
     finally:
         if log is not None:
             log.close()
-    return fleet.result()
+    return result
 
 
 def run_info(config: FleetConfig, allocator: str) -> dict[str, Any]:
