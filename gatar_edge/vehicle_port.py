@@ -18,7 +18,7 @@ class BytesLink(Protocol):
     """A way to the autopilot; see `bridge.link`. Never blocks, never raises once open."""
 
     def receive(self) -> list[bytes]: ...
-    def send(self, data: bytes) -> None: ...
+    def send(self, data: bytes, sysid: int | None = None) -> bool: ...
 
 
 class FrameLog(Protocol):
@@ -71,7 +71,7 @@ class AutopilotPort:
             self.driver.launch()
         data = self.driver.poll(now_ns)
         if data:
-            self._link.send(data)
+            self._link.send(data, self.driver.config.sysid)
         frames = self.driver.frames()
         if self._log is not None:
             for frame in frames:
