@@ -335,6 +335,7 @@ def test_five_seconds_without_the_ground_station_end_in_the_chosen_mode_and_do_n
     assert heartbeat(copter).system_status == 5
     beat(copter, 2)
     assert (copter.vehicle.truth.mode, "GCS Failsafe Cleared" in texts(copter.log)) == (mode, True)
+    assert heartbeat(copter).system_status == 4
 
 
 def test_the_failsafe_is_inactive_until_the_watched_system_was_seen() -> None:
@@ -463,6 +464,13 @@ def test_message_intervals_are_obeyed_and_can_be_switched_off() -> None:
     assert rover.command(511, 33, -1) == ACCEPTED
     assert not of(rover.run(3), "GLOBAL_POSITION_INT")
     assert rover.command(511, 11, 200_000) == FAILED
+    assert rover.command(511, 33, math.nan) == FAILED
+
+
+def test_an_interval_that_is_no_multiple_of_the_step_is_right_on_average() -> None:
+    rover = Client(ROVER)
+    rover.command(511, 33, 250_000)
+    assert len(of(rover.run(20), "GLOBAL_POSITION_INT")) == 80
 
 
 def test_a_heartbeat_leaves_each_second() -> None:
@@ -485,6 +493,7 @@ def test_altitudes_are_relative_to_home_and_move_with_it() -> None:
     position = of(copter.run(1), "GLOBAL_POSITION_INT")[-1]
     assert position.relative_alt == pytest.approx(6000, abs=100)
     assert position.alt == pytest.approx(594_000, abs=100)
+    assert copter.vehicle.truth.alt_rel_m == pytest.approx(6, abs=0.1)
 
 
 def test_a_reboot_keeps_mission_and_parameters_and_forgets_the_rest() -> None:

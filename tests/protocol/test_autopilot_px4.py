@@ -211,6 +211,15 @@ def test_a_new_mission_while_running_keeps_the_index_without_a_text(rover: Clien
     assert (last.seq, last.total) == (1, 3)
 
 
+def test_a_shorter_mission_while_running_clamps_the_index(rover: Client) -> None:
+    drive(rover, rover.place(0, 10), rover.place(0, 20), rover.place(0, 90))
+    rover.run(10)
+    rover.upload(rover.place(30, 30))
+    rover.run(1.1)
+    last = of(rover.log, "MISSION_CURRENT")[-1]
+    assert (last.seq, last.total, last.mission_state) == (0, 1, 3)
+
+
 def test_mid_drive_mission_set_current_0_turns_it_to_the_new_first_item(rover: Client) -> None:
     drive(rover, rover.place(0, 80))
     rover.run(5)
