@@ -398,6 +398,7 @@ def test_a_mission_item_outside_the_fence_ends_in_rtl() -> None:
     copter.run(25)
     assert copter.vehicle.truth.mode == "RTL"
     assert of(copter.log, "FENCE_STATUS")
+    assert "Circle fence breached" in texts(copter.log)
 
 
 def test_a_rover_accepts_a_target_outside_the_fence_and_stops_in_silence_at_47_m() -> None:
@@ -496,6 +497,20 @@ def test_altitudes_are_relative_to_home_and_move_with_it() -> None:
     assert copter.vehicle.truth.alt_rel_m == pytest.approx(6, abs=0.1)
 
 
+def test_a_copter_that_loses_power_in_the_air_falls_and_keeps_its_parameters_in_use() -> None:
+    copter = flying()
+    put(copter, "WPNAV_SPEED", 200)
+    copter.vehicle.reboot(copter.now_ns)
+    truth = copter.vehicle.truth
+    assert (truth.alt_rel_m, truth.armed, truth.landed) == (0, False, True)
+    assert [copter.command(176, 1, GUIDED), copter.command(400, 1)] == [ACCEPTED, ACCEPTED]
+    copter.command(22, 0, 0, 0, 0, 0, 0, 10)
+    copter.run(6)
+    target(copter, 60, 0)
+    copter.run(5)
+    assert copter.vehicle.truth.speed_m_s == pytest.approx(2, abs=0.05)
+
+
 def test_a_reboot_keeps_mission_and_parameters_and_forgets_the_rest() -> None:
     rover = driving()
     rover.upload((*HOME, 0.0), rover.place(0, 10))
@@ -504,7 +519,7 @@ def test_a_reboot_keeps_mission_and_parameters_and_forgets_the_rest() -> None:
     rover.command(400, 0)
     assert rover.command(246, 1) == ACCEPTED
     assert (rover.vehicle.truth.mode, rover.vehicle.truth.armed) == ("MANUAL", False)
-    assert of(rover.send("MISSION_REQUEST_LIST", mission_type=0), "MISSION_COUNT")[0].count == 2
+    assert len(rover.vehicle.mission) == 2
     assert (
         of(rover.send("PARAM_REQUEST_READ", param_id=b"WP_RADIUS", param_index=-1), "PARAM_VALUE")[0].param_value == 3
     )

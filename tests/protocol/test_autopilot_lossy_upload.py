@@ -82,5 +82,4 @@ def test_a_request_driven_upload_through_a_lossy_link_ends_whole_on_board(config
                 for answer in uploader.receive(frame, now_ns):
                     link.send(now_ns, End.COMPANION, answer)
     # Where the last ACK was lost the uploader cannot know, but the mission is whole all the same.
-    assert [item.x - round(HOME[0] * 1e7) for item in vehicle._core.server.items] == list(range(COUNT))
-    assert vehicle._core.server.busy is False
+    assert [item.x - round(HOME[0] * 1e7) for item in vehicle.mission] == list(range(COUNT))

@@ -11,7 +11,7 @@ import pytest
 from gatar_edge.sim_sitl.mission_items import Ack
 from gatar_edge.sim_sitl.testing import Client, kinds, of, px4_copter, px4_rover, texts
 
-LOITER, MISSION, RTL, OFFBOARD = 0x03040000, 0x04040000, 0x05040000, 0x00060000
+LOITER = 0x03040000
 ACCEPTED, REJECTED, UNSUPPORTED = 0, 1, 3
 HOME_ALT = 584.0
 
@@ -362,22 +362,20 @@ def put_int(client: Client, name: str, value: int) -> None:
     assert struct.pack("<f", answer.param_value) == struct.pack("<i", value)
 
 
-@pytest.mark.parametrize(("action", "mode_number", "after_s"), [(1, LOITER, 7.3), (2, RTL, 12.3)])
-def test_the_data_link_failsafe_acts_when_measured(
-    rover: Client, action: int, mode_number: int, after_s: float
-) -> None:
+@pytest.mark.parametrize(("action", "name", "after_s"), [(1, "AUTO.LOITER", 7.3), (2, "AUTO.RTL", 12.3)])
+def test_the_data_link_failsafe_acts_when_measured(rover: Client, action: int, name: str, after_s: float) -> None:
     put_int(rover, "NAV_DLL_ACT", action)
     put_int(rover, "COM_DL_LOSS_T", 5)
     drive(rover, rover.place(0, 200))
     beat(rover, 3)
     rover.run(after_s - 1 - 0.4)
-    assert rover.vehicle._core.mode.number != mode_number
+    assert rover.vehicle.truth.mode != name
     rover.run(0.6)
-    assert rover.vehicle._core.mode.number == mode_number
+    assert rover.vehicle.truth.mode == name
     rover.run(1)
     assert of(rover.log, "HEARTBEAT")[-1].system_status == 5
     beat(rover, 2)
-    assert (mode(rover), "GCS connection regained" in texts(rover.log)) == (mode_number, True)
+    assert (rover.vehicle.truth.mode, "GCS connection regained" in texts(rover.log)) == (name, True)
 
 
 def test_only_heartbeats_of_a_ground_station_count(rover: Client) -> None:
