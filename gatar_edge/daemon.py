@@ -36,7 +36,7 @@ POLL_NS = NS_PER_S // 20  # timers of the autopilot's protocols
 STALL_NS = NS_PER_S  # after standing still for this long, what waits in the sockets is older than it looks
 STOP_NS = 3 * NS_PER_S  # for the vehicle to confirm that it holds
 MAX_USELESS_LOGGED = 64  # a tick: heard datagrams without effect, so that a flood does not fill the disk
-_EFFECTIVE = (HearOutcome.ACCEPTED, HearOutcome.NEARER)
+_EFFECTIVE = (HearOutcome.ACCEPTED, HearOutcome.NEARER, HearOutcome.TALK)
 
 
 class Source(Protocol):
@@ -206,7 +206,7 @@ class Daemon:
         sent = wanted if self._settings.dry_run else vehicle.command(wanted, now_ns)
         self._account(decision, wanted, sent, now_ns)
         self._record(decision, wanted, sent, state, now_ns)
-        self._send((self.agent.beacon(now_ns),), (), now_ns)
+        self._send((self.agent.beacon(now_ns), *self.agent.negotiate(now_ns)), (), now_ns)
         if self._ports.saver is not None and now_ns >= self._save_due_ns:
             self._save_due_ns = now_ns + self._settings.save_ns
             self._ports.saver.save_soon(self.state())
