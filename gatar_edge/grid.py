@@ -81,6 +81,22 @@ def path_to(goal: Cell, lengths: IntGrid) -> tuple[Cell, ...]:
     return tuple(reversed(path))
 
 
+def simplify(path: tuple[Cell, ...]) -> tuple[Cell, ...]:
+    """The corners of a 4-connected path and its end, without its start: what a ground robot must drive through.
+
+    Legs between corners run along one axis through exactly the path's cells, and the first one stays within them from
+    anywhere in the start cell: nothing cuts an obstacle's corner. A path of one cell gives that cell.
+    """
+    if len(path) < 2:
+        return path
+    turns = [
+        here
+        for before, here, after in zip(path, path[1:], path[2:], strict=False)
+        if (here[0] - before[0], here[1] - before[1]) != (after[0] - here[0], after[1] - here[1])
+    ]
+    return (*turns, path[-1])
+
+
 def _first_steps(lengths: IntGrid, goal: Cell) -> list[tuple[int, int]]:
     """Leave the goal along the longer axis towards the start first."""
     start = np.argwhere(lengths == 0)[0]

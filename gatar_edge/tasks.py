@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from gatar_edge.allocators.base import NO_TARGET, Allocation
 from gatar_edge.explore import frontier_for_ego
-from gatar_edge.grid import UNREACHABLE, passable, path_to
+from gatar_edge.grid import UNREACHABLE, passable, path_to, simplify
 from gatar_edge.types import Assignment, Cell, Goto, Hold, Mission, Reason, RobotKind, TaskKind, VehicleCommand
 from gatar_edge.view import View, travel_times
 
@@ -80,10 +80,10 @@ def proposed(view: View, allocation: Allocation, taken: npt.NDArray[np.bool_]) -
 
 
 def to_command(kind: RobotKind, assignment: Assignment) -> VehicleCommand:
-    """What the vehicle is told: a UAV flies straight there, a UGV drives along the path."""
+    """What the vehicle is told: a UAV flies straight there, a UGV drives through the corners of the path."""
     if assignment.kind is TaskKind.HOLD:
         return Hold(assignment.reason.value)
-    return Goto(assignment.cell) if kind is RobotKind.UAV else Mission(assignment.path)
+    return Goto(assignment.cell) if kind is RobotKind.UAV else Mission(simplify(assignment.path))
 
 
 def _assign(view: View, kind: TaskKind, cell: Cell, reason: Reason, task: Task, allocation: Allocation) -> Assignment:

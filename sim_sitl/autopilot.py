@@ -11,6 +11,7 @@ from gatar_edge.sim_sitl.autopilot_config import AutopilotConfig, Truth
 from gatar_edge.sim_sitl.core import Core
 from gatar_edge.sim_sitl.failsafe import GroundStationWatch
 from gatar_edge.sim_sitl.orders import Order, Result, acknowledge, order_from
+from gatar_edge.sim_sitl.px4 import Px4
 from gatar_edge.sim_sitl.stack import Stack
 from gatar_edge.sim_sitl.telemetry import Telemetry
 from gatar_edge.sim_sitl.vehicle import Blocked
@@ -30,7 +31,7 @@ _DATA_STREAMS = {0: (1, 24, 30, 33, 42, 74, 245), 2: (1, 24, 42), 6: (32, 33), 1
 
 def make_stack(config: AutopilotConfig) -> Stack:
     """The dialect of a vehicle."""
-    return ArduPilot(config.vehicle == "copter")
+    return ArduPilot(config.vehicle == "copter") if config.stack == "ardupilot" else Px4()
 
 
 class SimAutopilot:

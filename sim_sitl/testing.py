@@ -13,6 +13,16 @@ COPTER = AutopilotConfig(sysid=1, vehicle="copter")
 ROVER = AutopilotConfig(sysid=2, vehicle="rover")
 
 
+def px4_copter(seed: int = 0) -> AutopilotConfig:
+    """A PX4 multicopter."""
+    return AutopilotConfig(sysid=3, vehicle="copter", stack="px4", seed=seed)
+
+
+def px4_rover(seed: int = 0) -> AutopilotConfig:
+    """A PX4 rover."""
+    return AutopilotConfig(sysid=4, vehicle="rover", stack="px4", seed=seed)
+
+
 class Client:
     """One client of one vehicle in lock-step; everything that came is kept in `log`."""
 
@@ -31,7 +41,7 @@ class Client:
         self.log += messages
         return messages
 
-    def send(self, name: str, sysid: int | None = None, compid: int | None = None, **fields: Any) -> list[Any]:
+    def send(self, name: str, *, sysid: int | None = None, compid: int | None = None, **fields: Any) -> list[Any]:
         """Send a message and return the immediate answers."""
         message_class = getattr(mavlink, f"MAVLink_{name.lower()}_message")
         for target, value in (("target_system", self.target), ("target_component", 1)):

@@ -93,9 +93,7 @@ http = {http}                  # /healthz and /metrics, such as "127.0.0.1:9100"
 @click.option("--allocator", default="gatar", show_default=True)
 @click.option("--listen", default="0.0.0.0:14600", show_default=True, help="Where neighbours are heard.")
 @click.option("--peer", "peers", multiple=True, help="HOST:PORT of a neighbour; may be repeated.")
-@click.option(
-    "--group", default="239.255.71.1:14600", show_default=True, help="Multicast group, where no peer is given."
-)
+@click.option("--group", default="239.255.71.1:14600", show_default=True, help="Multicast, without peers.")
 @click.option("--perception", default="127.0.0.1:14700", show_default=True, help="Where observations come in.")
 @click.option("--launch", type=click.Choice(["armed", "auto"]), default="armed", show_default=True)
 @click.option("--http", default="", help="HOST:PORT of /healthz and /metrics.")
@@ -111,14 +109,14 @@ def command(path: Path, force: bool, key_file: str, origin: str, size: str, **op
     from gatar_edge.keys import read_key
     from gatar_edge.vehicle_config import parse_config
 
-    corner = _pair(origin, ",", float, "--origin", "47.397742,8.545594")
-    sides = _pair(size.lower(), "x", int, "--size", "15x15")
-    text = configuration(path.name, corner, sides, key_file, options)
+    lat, lon = _pair(origin, ",", float, "--origin", "47.397742,8.545594")
+    width, height = _pair(size.lower(), "x", int, "--size", "15x15")
+    text = configuration(path.name, lat, lon, width, height, key_file, options)
     parse_config(text, "what you gave")
     if path.exists() and not force:
         raise ConfigError(f"{path} exists: --force overwrites it, --config writes another")
     key_path = path.parent / key_file
-    made = _make_key(key_path)
+    made = make_key(key_path)
     read_key(key_path)
     try:
         path.write_text(text)
@@ -132,7 +130,7 @@ def command(path: Path, force: bool, key_file: str, origin: str, size: str, **op
 
 
 def configuration(
-    name: str, corner: tuple[float, float], sides: tuple[int, int], key_file: str, options: dict[str, object]
+    name: str, lat: float, lon: float, width: int, height: int, key_file: str, options: dict[str, object]
 ) -> str:
     """The text of vehicle.toml."""
     peers = list(options["peers"])  # type: ignore[call-overload]
@@ -143,10 +141,10 @@ def configuration(
         id=options["robot_id"],
         kind=json.dumps(str(options["kind"]).upper()),
         speed=options["speed_m_s"],
-        lat=corner[0],
-        lon=corner[1],
-        width=sides[0],
-        height=sides[1],
+        lat=lat,
+        lon=lon,
+        width=width,
+        height=height,
         cell=options["cell_m"],
         r_sense=options["r_sense"],
         r_comm=options["r_comm"],
@@ -165,7 +163,7 @@ def _pair(text: str, separator: str, kind: type[Number], option: str, example: s
     return first, second
 
 
-def _make_key(path: Path) -> bool:
+def make_key(path: Path) -> bool:
     """Make a key of mode 0600 where there is none; true if one was made. Raises ConfigError."""
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)

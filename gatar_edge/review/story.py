@@ -283,7 +283,7 @@ def buckets(rows: list[list[float]], most: int) -> list[list[float]]:
     for bucket in np.unique(which):
         part = table[which == bucket]
         low, high = np.percentile(part[:, 1], (50, 99))
-        found.append([int(part[0, 0]), round(float(low), 4), round(float(high), 4), *part[:, 2:].mean(axis=0).round(2)])
+        found.append([int(part[0, 0]), round(float(low), 4), round(float(high), 4), *part[:, 2:].mean(axis=0).round(2).tolist()])
     return found
 
 

@@ -67,4 +67,12 @@ def test_no_extra_of_learning_is_a_dependency_of_the_robot() -> None:
 
 
 def test_models_are_never_pickles() -> None:
-    assert {path.suffix for path in (ROOT / "models").iterdir()} <= {".onnx", ".md", ".safetensors", ".json", ".npz", ".py", ""}
+    assert {path.suffix for path in (ROOT / "models").iterdir()} <= {
+        ".onnx",
+        ".md",
+        ".safetensors",
+        ".json",
+        ".npz",
+        ".py",
+        "",
+    }

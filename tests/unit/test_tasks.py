@@ -107,7 +107,7 @@ def test_aerial_robots_fly_straight_ground_robots_drive_the_path() -> None:
     view = view_of(ROW, robot(1, (2, 0)))
     assignment = decide(view, _only(0), Task(), Rules())
     assert to_command(RobotKind.UAV, assignment) == Goto((0, 0))
-    assert to_command(RobotKind.UGV, assignment) == Mission(((2, 0), (1, 0), (0, 0)))
+    assert to_command(RobotKind.UGV, assignment) == Mission(((0, 0),))
     idle = decide(view_of(belief_of(".."), robot(1, (0, 0))), _only(NO_TARGET), Task(), Rules())
     assert to_command(RobotKind.UGV, idle) == Hold("nothing_left")
 

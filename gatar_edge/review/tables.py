@@ -1,0 +1,92 @@
+"""The summary of a log on a terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+Json = dict[str, Any]
+
+
+def print_summary(path: Path, summary: Json) -> None:
+    """Print what `summarize` gives."""
+    console = Console(highlight=False)
+    run, result = summary["run"], summary["result"]
+    end = "" if summary["finished"] else ", not ended properly"
+    console.print(f"[bold]{path.name}[/bold]: {summary['duration_s']:.1f} s, {summary['size_bytes'] / 1e6:.2f} MB{end}")
+    facts = [run["team"], f"allocator {run.get('allocator', '?')}"]
+    facts += [f"{key} {run[key]}" for key in ("seed", "model") if run.get(key) not in (None, "")]
+    console.print(", ".join(facts))
+    console.print(_result(result))
+    console.print(_robots(summary["robots"]))
+    console.print(_messages(summary["messages"]))
+    for line in health_lines(summary["health"]):
+        console.print(line)
+
+
+def health_lines(health: Json) -> list[str]:
+    """What is to be said of the recording itself."""
+    lines = [f"delay on the air: p50 {health['delay_p50_ms']:.0f} ms, p99 {health['delay_p99_ms']:.0f} ms"]
+    lines += [f"robot {robot}: a gap of {gap:.1f} s between decisions" for robot, gap in health["gaps_s"].items()]
+    for key, text in (
+        ("datagrams_refused", "datagrams refused"),
+        ("clock_steps_back", "times the clock went back"),
+        ("not_in_order", "messages not in the order of time"),
+    ):
+        if health[key]:
+            lines.append(f"{health[key]} {text}")
+    lines += [f"fault {kind}: {count}" for kind, count in health["faults"].items()]
+    lines += [f"warning: {text}" for text in health["warnings"]]
+    return [*lines, "recording: sound" if health["ok"] else "recording: see above"]
+
+
+def _result(result: Json) -> Table:
+    table = _table("result", "")
+    by = result.get("localized_by") or {}
+    rows = {
+        "targets localized": _of(result.get("localized"), result.get("reachable")),
+        **{f"  by step {step}": _text(count) for step, count in by.items()},
+        "steps to 90 % / 100 %": f"{_text(result.get('steps_90'))} / {_text(result.get('steps_100'))}",
+        "distance, cells": ", ".join(f"{kind} {_text(cells)}" for kind, cells in result["distance_cells"].items()),
+        "tasks given up": _text(result["retasks"]),
+        "fallbacks": _text(result["fallbacks"]),
+        "messages, bytes per robot": f"{_text(result['messages_per_robot'])}, {_text(result['bytes_per_robot'])}",
+        "decision p50, p99": f"{result['decision_p50_us'] / 1000:.2f} ms, {result['decision_p99_us'] / 1000:.2f} ms",
+    }
+    for name, value in rows.items():
+        table.add_row(name, value)
+    return table
+
+
+def _robots(robots: list[Json]) -> Table:
+    table = _table("robot", "decisions", "given up", "cells", "sent", "bytes", "heard", "new")
+    for robot in robots:
+        accepted = robot["heard_outcomes"].get("accepted", 0)
+        values = ("decisions", "retasks", "distance_cells", "messages", "message_bytes", "heard")
+        table.add_row(f"{robot['kind']} {robot['robot_id']}", *(_text(robot[key]) for key in values), _text(accepted))
+    return table
+
+
+def _messages(messages: Json) -> Table:
+    table = _table("topic", "messages", "kB")
+    for topic, counts in messages.items():
+        table.add_row(topic, _text(counts["count"]), f"{counts['bytes'] / 1000:.1f}")
+    return table
+
+
+def _table(*heads: str) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    for index, head in enumerate(heads):
+        table.add_column(head, justify="right" if index else "left")
+    return table
+
+
+def _of(count: Any, total: Any) -> str:
+    return "unknown (no truth in this log)" if count is None else f"{count} of {total}"
+
+
+def _text(value: Any) -> str:
+    return "-" if value is None else f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,138 @@
+"""Whole missions: every link real, in virtual time."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from gatar_edge.allocators.registry import make
+from gatar_edge.commands.sim import command, fleet_config
+from gatar_edge.errors import ConfigError, LogError
+from gatar_edge.sim_sitl.faults import Faults, LinkFaults
+from gatar_edge.sim_sitl.fleet import Fleet, FleetConfig, lock_step
+from gatar_edge.types import NS_PER_S, RobotKind
+
+
+def config(
+    team: str = "2A2G", seed: int = 1, targets: int = 12, stack: str = "ardupilot", **changes: Any
+) -> FleetConfig:
+    options: dict[str, Any] = {
+        "team": team,
+        "targets": targets,
+        "size": 15,
+        "seed": seed,
+        "r_sense": 4.0,
+        "r_comm": 6.0,
+        "stack": "ardupilot",
+        "loss": 0.0,
+        "telemetry_loss": 0.0,
+        "max_steps": 300,
+    }
+    return fleet_config(**(options | changes))
+
+
+def flown(fleet: Fleet) -> Fleet:
+    for _ in lock_step(fleet):
+        pass
+    return fleet
+
+
+@pytest.mark.parametrize("allocator", ["gatar", "nearest", "greedy"])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_team_localizes_every_reachable_target(seed: int, allocator: str) -> None:
+    result = flown(Fleet(config(seed=seed), make(allocator))).result()
+    assert (result.localized, result.fallbacks) == (result.reachable, 0)
+
+
+def test_a_ground_robot_never_enters_an_obstacle() -> None:
+    fleet = Fleet(config(team="0A4G", seed=3), make("greedy"))
+    for _ in lock_step(fleet):
+        assert not any(fleet.config.world.obstacles[robot.body.cell] for robot in fleet.robots)
+    assert fleet.tally.left == 0
+
+
+def test_aerial_robots_keep_to_their_own_layers() -> None:
+    fleet = flown(Fleet(config(team="3A0G"), make("greedy")))
+    heights = sorted(robot.body.autopilot.truth.alt_rel_m for robot in fleet.robots)
+    assert [high - low > 1.0 for low, high in pairwise(heights)] == [True, True]
+
+
+def test_the_same_seed_gives_the_same_decisions() -> None:
+    digests = {flown(Fleet(config(), make("greedy"))).result().digest for _ in range(2)}
+    assert len(digests) == 1
+    assert flown(Fleet(config(seed=2), make("greedy"))).result().digest not in digests
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_lost_messages_and_lost_telemetry_cost_time_but_no_target(seed: int) -> None:
+    result = flown(Fleet(config(seed=seed, loss=0.2, telemetry_loss=0.2), make("greedy"))).result()
+    assert result.localized == result.reachable
+
+
+def test_the_others_finish_when_robots_die() -> None:
+    mission = config(team="3A1G", seed=4)
+    faults = Faults(kill_ns={1: 3 * NS_PER_S, 2: 8 * NS_PER_S})
+    fleet = flown(Fleet(replace(mission, faults=faults), make("greedy")))
+    assert [robot.alive for robot in fleet.robots] == [False, False, True, True]
+    assert fleet.tally.left == 0
+
+
+def test_delayed_messages_are_survived() -> None:
+    mission = replace(config(seed=5), faults=Faults(radio=LinkFaults(delay_min_ns=0, delay_max_ns=2 * NS_PER_S)))
+    assert flown(Fleet(mission, make("greedy"))).tally.left == 0
+
+
+def test_targets_that_nobody_can_reach_do_not_keep_the_mission_going() -> None:
+    fleet = flown(Fleet(config(team="0A1G", seed=16, targets=30), make("greedy")))
+    result = fleet.result()
+    assert result.localized == result.reachable
+
+
+def test_every_robot_flies_what_it_is() -> None:
+    kinds = {robot.robot_id: robot.body.autopilot.config.vehicle for robot in Fleet(config(), make("greedy")).robots}
+    assert kinds == {1: "copter", 2: "copter", 3: "rover", 4: "rover"}
+    assert RobotKind.UAV.letter + RobotKind.UGV.letter == "AG"
+
+
+def test_the_command_prints_the_result_for_machines(tmp_path: Path) -> None:
+    log = tmp_path / "m.mcap"
+    done = CliRunner().invoke(
+        command,
+        ["--team", "1A1G", "--targets", "5", "--seed", "3", "--allocator", "greedy", "--log", str(log), "--json"],
+    )
+    figures = json.loads(done.output)
+    assert figures["localized"] == figures["reachable"] == 5
+    assert {
+        "digest",
+        "targets",
+        "steps_90",
+        "steps_100",
+        "retasks",
+        "bytes_per_robot_step",
+        "decision_p50_us",
+        "decision_p99_us",
+        "fallbacks",
+    } <= figures.keys()
+    assert log.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "says"),
+    [
+        (["--team", "3X"], ConfigError, "not of the form 3A3G"),
+        (["--allocator", "best"], ConfigError, "unknown"),
+        (["--log", "/dev/null/m.mcap"], LogError, "cannot be written"),
+        (["--out", "x", "--log", "y"], ConfigError, "exclude each other"),
+    ],
+)
+def test_bad_input_is_one_clear_line(arguments: list[str], error: type[Exception], says: str) -> None:
+    done = CliRunner().invoke(command, arguments)
+    assert isinstance(done.exception, error)
+    assert says in str(done.exception)
+    assert "\n" not in str(done.exception)
