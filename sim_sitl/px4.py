@@ -88,7 +88,7 @@ class Px4:
         """AUTO.TAKEOFF climbs to its default altitude unless told otherwise."""
         if core.mode.does is Does.TAKEOFF:
             place = core.stopping_place()
-            up = core.home.up_m + core.params["MIS_TAKEOFF_ALT"]
+            up = core.up_of(core.params["MIS_TAKEOFF_ALT"], amsl=False)
             core.nav = Goal(place.east_m, place.north_m, max(up, place.up_m))
             core.lift = core.landed
 

@@ -93,7 +93,9 @@ http = {http}                  # /healthz and /metrics, such as "127.0.0.1:9100"
 @click.option("--allocator", default="gatar", show_default=True)
 @click.option("--listen", default="0.0.0.0:14600", show_default=True, help="Where neighbours are heard.")
 @click.option("--peer", "peers", multiple=True, help="HOST:PORT of a neighbour; may be repeated.")
-@click.option("--group", default="239.255.71.1:14600", show_default=True, help="Multicast, without peers.")
+@click.option(
+    "--group", default="239.255.71.1:14600", show_default=True, help="Multicast group, where no peer is given."
+)
 @click.option("--perception", default="127.0.0.1:14700", show_default=True, help="Where observations come in.")
 @click.option("--launch", type=click.Choice(["armed", "auto"]), default="armed", show_default=True)
 @click.option("--http", default="", help="HOST:PORT of /healthz and /metrics.")
@@ -109,9 +111,9 @@ def command(path: Path, force: bool, key_file: str, origin: str, size: str, **op
     from gatar_edge.keys import read_key
     from gatar_edge.vehicle_config import parse_config
 
-    lat, lon = _pair(origin, ",", float, "--origin", "47.397742,8.545594")
-    width, height = _pair(size.lower(), "x", int, "--size", "15x15")
-    text = configuration(path.name, lat, lon, width, height, key_file, options)
+    corner = _pair(origin, ",", float, "--origin", "47.397742,8.545594")
+    sides = _pair(size.lower(), "x", int, "--size", "15x15")
+    text = configuration(path.name, corner, sides, key_file, options)
     parse_config(text, "what you gave")
     if path.exists() and not force:
         raise ConfigError(f"{path} exists: --force overwrites it, --config writes another")
@@ -130,7 +132,7 @@ def command(path: Path, force: bool, key_file: str, origin: str, size: str, **op
 
 
 def configuration(
-    name: str, lat: float, lon: float, width: int, height: int, key_file: str, options: dict[str, object]
+    name: str, corner: tuple[float, float], sides: tuple[int, int], key_file: str, options: dict[str, object]
 ) -> str:
     """The text of vehicle.toml."""
     peers = list(options["peers"])  # type: ignore[call-overload]
@@ -141,10 +143,10 @@ def configuration(
         id=options["robot_id"],
         kind=json.dumps(str(options["kind"]).upper()),
         speed=options["speed_m_s"],
-        lat=lat,
-        lon=lon,
-        width=width,
-        height=height,
+        lat=corner[0],
+        lon=corner[1],
+        width=sides[0],
+        height=sides[1],
         cell=options["cell_m"],
         r_sense=options["r_sense"],
         r_comm=options["r_comm"],
