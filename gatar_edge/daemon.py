@@ -50,7 +50,6 @@ class Vehicle(Protocol):
     """The autopilot behind its bridge; see `vehicle_port.AutopilotPort`."""
 
     def receive(self, now_ns: int) -> None: ...
-    def drain(self, now_ns: int) -> None: ...
     def command(self, wanted: VehicleCommand, now_ns: int) -> VehicleCommand: ...
     def poll(self, now_ns: int) -> None: ...
     def state(self, now_ns: int) -> VehicleState: ...
@@ -159,11 +158,13 @@ class Daemon:
         return snapshot(self.agent, self._ports.clock_ns())
 
     def _stalled(self, now_ns: int) -> None:
-        """What queued up while the loop stood still would be taken for fresh: throw it away, it comes again."""
+        """What queued up while the loop stood still would be taken for fresh: throw it away, it comes again.
+
+        Not so the autopilot's: only in its own order does it tell whether the vehicle or a pilot changed the mode.
+        """
         for source in (self._ports.radio, self._ports.perception):
             while source.receive():
                 pass
-        self._ports.vehicle.drain(now_ns)
         self.counters.stalls += 1
         self.journal.warning("loop stood still", now_ns, seconds=(now_ns - self._stepped_ns) / NS_PER_S)
 

@@ -57,11 +57,6 @@ class AutopilotPort:
             if self._tap is not None:
                 self._tap(data)
 
-    def drain(self, now_ns: int) -> None:
-        """Throw away what is too old to be believed; the autopilot repeats all that matters."""
-        while self._link.receive():
-            pass
-
     def command(self, wanted: VehicleCommand, now_ns: int) -> VehicleCommand:
         """Want this from now on; returns what passed the safety gate."""
         sent = self.driver.command(wanted, now_ns)

@@ -56,14 +56,10 @@ class FakeVehicle:
     commands: list[VehicleCommand] = field(default_factory=list)
     is_critical: bool = False
     polls: int = 0
-    drained: int = 0
     refuses: Cell | None = None
 
     def receive(self, now_ns: int) -> None:
         pass
-
-    def drain(self, now_ns: int) -> None:
-        self.drained += 1
 
     def command(self, wanted: VehicleCommand, now_ns: int) -> VehicleCommand:
         self.commands.append(wanted)

@@ -163,7 +163,7 @@ def test_what_queued_up_while_the_process_was_stopped_is_not_taken_for_fresh() -
     rig.now_ns += 10 * NS_PER_S
     rig.run(0.2, seeing=False)
     assert rig.vehicle.commands[-1] == Hold("no_perception")
-    assert (rig.vehicle.drained, rig.daemon.counters.stalls) == (1, 1)
+    assert rig.daemon.counters.stalls == 1
     assert rig.daemon.counters.ticks_skipped == 50
     rig.run(0.2)
     assert rig.vehicle.commands[-1] == Goto((5, 5))
