@@ -202,6 +202,7 @@ class Retask:
         if going or there:
             self._starts = 0
             self._progress.start(self._remaining_m(seen), now_ns)
+            self.modes.want(None)  # PX4 leaves it at the end; re-entered, it would start at the old index
             self._fire(Event.CONFIRMED, now_ns, Status.PURSUING)
         elif now_ns - self._since_ns >= CONFIRM_NS:
             self._starts += 1

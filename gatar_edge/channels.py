@@ -82,6 +82,18 @@ class DecisionRecord(msgspec.Struct, frozen=True):
     sent: dict[str, Any]
 
 
+class AgentStateRecord(msgspec.Struct, frozen=True):
+    """What an agent starts with that takes over from an earlier one: see `persist.SavedState`."""
+
+    robot_id: int
+    width: int
+    height: int
+    belief: str  # base64 of zlib of uint8 [width, height]
+    task_kind: TaskKind
+    task_cell: tuple[int, int]
+    task_path: list[tuple[int, int]]
+
+
 class VehicleRecord(msgspec.Struct, frozen=True):
     """What the bridge knew of its autopilot."""
 
@@ -161,6 +173,9 @@ RADIO = Channel("/robot/{id}/radio", _JSON, "gatar.Radio", "tick", "datagrams he
 DECISION = Channel(
     "/robot/{id}/decision", _JSON, "gatar.Decision", "tick", "what was decided, on what, and why", DecisionRecord
 )
+AGENT_STATE = Channel(
+    "/robot/{id}/state", _JSON, "gatar.AgentState", "restart", "what it took over from before", AgentStateRecord
+)
 VEHICLE = Channel("/robot/{id}/vehicle", _JSON, "gatar.Vehicle", "tick", "what the bridge knows", VehicleRecord)
 MAVLINK_RX = Channel(
     "/robot/{id}/mavlink/rx", Encoding.MAVLINK, "mavlink.frame", "each frame", "frames from the autopilot"
@@ -183,8 +198,8 @@ TRUTH_VISITS = Channel("/truth/visits", _JSON, "gatar.Visit", "event", "targets 
 FAULTS = Channel("/faults", _JSON, "gatar.Fault", "event", "faults injected (simulator)", FaultRecord)
 
 CHANNELS = (
-    RUN_INFO, RESULT, HEALTH, OBSERVATION, RADIO, DECISION, VEHICLE, MAVLINK_RX, MAVLINK_TX, BELIEF, FIX, FRAME,
-    SCENE, MAP, MAP_IMAGE, LOG, TRUTH_MAP, TRUTH_ROBOTS, TRUTH_VISITS, FAULTS,
+    RUN_INFO, RESULT, HEALTH, OBSERVATION, RADIO, DECISION, AGENT_STATE, VEHICLE, MAVLINK_RX, MAVLINK_TX, BELIEF, FIX,
+    FRAME, SCENE, MAP, MAP_IMAGE, LOG, TRUTH_MAP, TRUTH_ROBOTS, TRUTH_VISITS, FAULTS,
 )  # fmt: skip
 
 _ROBOT_TOPIC = re.compile(r"/robot/(\d{1,5})(/.+)")

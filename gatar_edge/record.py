@@ -26,7 +26,8 @@ from gatar_edge import channels as ch
 from gatar_edge.errors import LogError
 from gatar_edge.logfile import RecordStream
 from gatar_edge.mavlink_frame import without_secrets
-from gatar_edge.record_items import EFFECTIVE, command_record, flat_cells, radio_item
+from gatar_edge.persist import SavedState
+from gatar_edge.record_items import EFFECTIVE, agent_state, command_record, flat_cells, radio_item
 from gatar_edge.types import (
     NS_PER_S,
     BoolGrid,
@@ -104,6 +105,10 @@ class Recorder:
             targets=flat_cells(observation.targets),
         )
         self._json(ch.OBSERVATION, record, max(self._now_ns, observation.t_ns), robot_id, observation.t_ns)
+
+    def takes_over(self, state: SavedState, now_ns: int) -> None:
+        """Beside `persist.restore`: what the agent starts with, where that is not nothing."""
+        self._json(ch.AGENT_STATE, agent_state(state), now_ns, state.robot_id)
 
     def heard(self, robot_id: int, datagram: bytes, outcome_name: str, now_ns: int) -> None:
         """Beside `Agent.hear`, with the value of the outcome. The bytes are kept where they had an effect."""

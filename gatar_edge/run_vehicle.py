@@ -161,7 +161,7 @@ def opened(prepared: Prepared, clock_ns: Clock, *, dry_run: bool) -> Iterator[Pr
             watchers.append(http.published)
         saver = StateSaver(Path(config.state.file)) if config.state.file else None
         daemon = Daemon(
-            _make_agent(prepared, journal, clock_ns()),
+            _make_agent(prepared, journal, log, clock_ns()),
             Perception(config.robot.id, config.kind, config.grid_spec),
             ByteBudget(config.net.bytes_per_s, sends=radio.sends),
             Ports(radio, perception, vehicle, clock_ns, log, saver, _to_all(watchers)),
@@ -215,13 +215,15 @@ def _settings(config: VehicleConfig, *, dry_run: bool) -> Settings:
     )
 
 
-def _make_agent(prepared: Prepared, journal: Journal, now_ns: int) -> Agent:
+def _make_agent(prepared: Prepared, journal: Journal, log: Recorder | None, now_ns: int) -> Agent:
     allocator = Punctual(prepared.allocator, prepared.config.loop.deadline_ms / 1000, ThreadRunner())
     agent = Agent(prepared.identity, prepared.config.agent, allocator, prepared.key, prepared.seq)
     restored = prepared.restored
     journal.info("saved state", now_ns, outcome=restored.outcome.value, next_seq=prepared.seq)
     if restored.state is not None:
         restore(agent, restored.state)
+        if log is not None:
+            log.takes_over(restored.state, now_ns)
     return agent
 
 

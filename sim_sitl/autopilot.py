@@ -54,6 +54,11 @@ class SimAutopilot:
         return self._core.truth
 
     @property
+    def place_m(self) -> tuple[float, float]:
+        """Metres east and north of home: what `truth` holds of it, at less cost."""
+        return self._core.body.east_m, self._core.body.north_m
+
+    @property
     def rejected_frames(self) -> int:
         """How much of what was received was no message."""
         return self._wire.rejected

@@ -51,6 +51,7 @@ class RadioBrief(msgspec.Struct):
     t_ns: int
     way: str
     outcome: str = ""
+    author: int = -1
     sent_ms: int = -1
     size: int = 0
     hops: int = -1
@@ -157,8 +158,13 @@ def _count(figures: Figures, entry: Entry) -> None:
 
 
 def _on_run_info(figures: Figures, entry: Entry) -> None:
+    info = json_object(entry.data)
     if not figures.run_info:
-        figures.run_info = json_object(entry.data)
+        figures.run_info = info
+        return
+    robots = figures.run_info.setdefault("robots", [])  # a merged log holds the run infos of several robots
+    known = {robot["robot_id"] for robot in robots}
+    robots.extend(robot for robot in info.get("robots", ()) if robot["robot_id"] not in known)
 
 
 def _on_result(figures: Figures, entry: Entry) -> None:
@@ -169,10 +175,10 @@ def _on_decision(figures: Figures, entry: Entry) -> None:
     decision: DecisionBrief = _brief(entry.data).decision
     robot = figures.robots[entry.robot_id]
     if robot.last_ns >= 0:
-        robot.longest_gap_ns = max(robot.longest_gap_ns, decision.t_ns - robot.last_ns)
+        robot.longest_gap_ns = max(robot.longest_gap_ns, entry.log_ns - robot.last_ns)
     else:
-        robot.first_ns = decision.t_ns
-    robot.last_ns = decision.t_ns
+        robot.first_ns = entry.log_ns
+    robot.last_ns = entry.log_ns
     if robot.cell is not None and robot.cell != (-1, -1):
         robot.distance += abs(decision.cell[0] - robot.cell[0]) + abs(decision.cell[1] - robot.cell[1])
     robot.cell = decision.cell
