@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fake_ports import TICK_NS, Rig
 
 from gatar_edge.allocators.base import Allocation
 from gatar_edge.allocators.greedy import Greedy
@@ -14,7 +15,6 @@ from gatar_edge.keys import DEMO_KEY
 from gatar_edge.message import decode
 from gatar_edge.types import NS_PER_S, Goto, Hold, TaskKind
 from gatar_edge.view import View
-from tests.fake_ports import TICK_NS, Rig
 
 
 class Flaky:
