@@ -70,7 +70,7 @@ listen = {perception}  # or "unix:/run/gatar/perception.sock"; format: docs/obse
 folder = "logs"            # one file a run; "" for none
 
 [state]
-file = "state.bin"         # belief, task and message sequence: a restarted daemon goes on where it was
+file = "state-{id}.bin"       # belief, task and message sequence: a restarted daemon goes on where it was
 # max_age_s = 600.0        # older knowledge is of another mission
 
 [watch]
