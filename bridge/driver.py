@@ -13,12 +13,13 @@ from collections import deque
 from dataclasses import dataclass
 
 from gatar_edge.bridge import wire
-from gatar_edge.bridge.codec import Codec
-from gatar_edge.bridge.geo import expand, wgs84_to_cell, wgs84_to_grid_m
+from gatar_edge.bridge.codec import Codec, strip_signature
+from gatar_edge.bridge.geo import Point, expand, inside_grid, wgs84_to_grid_m
 from gatar_edge.bridge.launch import Phase
 from gatar_edge.bridge.profiles import Unsupported, choose
 from gatar_edge.bridge.safety import Known, Refusal, gate
 from gatar_edge.bridge.settings import DriverConfig
+from gatar_edge.bridge.signing import TICK_NS, Signing
 from gatar_edge.bridge.status import DriverEvent, EventKind, Status
 from gatar_edge.bridge.vehicle import Vehicle
 from gatar_edge.types import NS_PER_S, Cell, Hold, Mission, VehicleCommand, VehicleState
@@ -39,15 +40,19 @@ class FrameRecord:
 class VehicleDriver:
     """Drives one vehicle. Nothing that a peer sends makes it raise."""
 
-    def __init__(self, config: DriverConfig, now_ns: int) -> None:
+    def __init__(self, config: DriverConfig, now_ns: int, signing: Signing | None = None) -> None:
+        """`signing`: the key of this link; its `timestamp` is the caller's to keep over restarts."""
         self.config = config
-        self._codec = Codec(config.sysid, config.compid)
+        self._codec = Codec(config.sysid, config.compid, signing)
+        # signing timestamps go on from where the caller began, at the pace of the injected clock
+        self._signing_base = signing.timestamp - now_ns // TICK_NS if signing is not None else 0
         self._limits = config.limits()
         self._vehicle: Vehicle | None = None
         self._unsupported: str | None = None
         self._launch = config.auto_launch
         self._connected = False
         self._pursued: VehicleCommand = Hold("no command yet")
+        self._here: tuple[tuple[float, float], Point] | None = None  # (lat, lon) and the same in the grid's metres
         self._start_cell: Cell | None = None  # where the pursued mission began
         self._pursued_ns = self._retasked_ns = -1
         self._retasks = 0
@@ -91,6 +96,8 @@ class VehicleDriver:
 
     def poll(self, now_ns: int) -> bytes:
         """All bytes to send now. Call it from the working loop: it is what proves to the vehicle that we live."""
+        if self._codec.signing is not None:
+            self._codec.signing.advance(self._signing_base + now_ns // TICK_NS)
         out: list[wire.Message] = [*self._heartbeat(now_ns)]
         if self._vehicle is not None:
             out += self._vehicle.poll(now_ns, self._launch)
@@ -188,18 +195,27 @@ class VehicleDriver:
         self._unsupported = text
 
     def _cell(self) -> Cell | None:
+        here, size = self._position_m(), self.config.grid.cell_m
+        cell = (math.floor(here[0] / size), math.floor(here[1] / size)) if here is not None else None
+        return cell if cell is not None and inside_grid(self.config.grid, cell) else None
+
+    def _position_m(self) -> Point | None:
+        """The vehicle's latest position in metres along the grid's axes, worked out once."""
         lat_lon = self._vehicle.seen.lat_lon_deg if self._vehicle is not None else None
-        return wgs84_to_cell(self.config.grid, *lat_lon) if lat_lon is not None else None
+        if lat_lon is None:
+            return None
+        if self._here is None or self._here[0] != lat_lon:
+            self._here = lat_lon, wgs84_to_grid_m(self.config.grid, *lat_lon)
+        return self._here[1]
 
     def _known(self, now_ns: int) -> Known:
         vehicle = self._vehicle
-        lat_lon = vehicle.seen.lat_lon_deg if vehicle is not None else None
         return Known(
             now_ns=now_ns,
             pilot=vehicle is not None and vehicle.launch.phase is Phase.PILOT,
             ready=vehicle is not None and vehicle.ready(now_ns),
             home=vehicle is not None and vehicle.seen.home is not None,
-            position_m=wgs84_to_grid_m(self.config.grid, *lat_lon) if lat_lon is not None else None,
+            position_m=self._position_m(),
             position_ns=vehicle.seen.position_ns if vehicle is not None else -1,
             pursued=self._pursued,
             retasked_ns=self._retasked_ns,
@@ -246,7 +262,7 @@ class VehicleDriver:
     def _encode(self, message: wire.Message, now_ns: int) -> bytes:
         frame = self._codec.encode(message)
         if self.config.log_frames:
-            self._frames.append(FrameRecord(now_ns, True, frame))
+            self._frames.append(FrameRecord(now_ns, True, strip_signature(frame)))
         return frame
 
     def _tell(self, now_ns: int, kind: EventKind, text: str) -> None:

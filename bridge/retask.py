@@ -91,10 +91,11 @@ class Retask:
         arrive_m: float,
         near_m: float,
         progress_s: float,
+        speed_m_s: float | None,
     ) -> None:
         self.profile, self.commands, self.modes, self.transfer = profile, commands, modes, transfer
         self.step, self.status = Step.IDLE, Status.IDLE
-        self._arrive_m, self._near_m = arrive_m, near_m
+        self._arrive_m, self._near_m, self._speed_m_s = arrive_m, near_m, speed_m_s
         self._progress = Progress(round(progress_s * NS_PER_S))
         self._points: Points = ()
         self._points_before: Points = ()
@@ -206,6 +207,8 @@ class Retask:
         if going or there:
             self._starts, self._points_before = 0, ()
             self._progress.start(self._remaining_m(seen), now_ns)
+            if self._speed_m_s is not None:  # ground speed; entering the mode has set it back to the vehicle's own
+                self.commands.long(Command.DO_CHANGE_SPEED, 1.0, self._speed_m_s, -1.0)
             self.modes.want(None)  # PX4 leaves it at the end; re-entered, it would start at the old index
             self._fire(Event.CONFIRMED, now_ns, Status.PURSUING)
         elif now_ns - self._since_ns >= CONFIRM_NS:

@@ -50,6 +50,7 @@ class Vehicle:
             arrive_m=arrive_m,
             near_m=config.grid.cell_m,
             progress_s=config.progress_s,
+            speed_m_s=config.speed_m_s,
         )
         if config.speed_m_s is not None:
             self.guided.speed(config.speed_m_s)
