@@ -53,6 +53,7 @@ class VehicleDriver:
         self._connected = False
         self._pursued: VehicleCommand = Hold("no command yet")
         self._here: tuple[tuple[float, float], Point] | None = None  # (lat, lon) and the same in the grid's metres
+        self._applied = False  # it was sent
         self._start_cell: Cell | None = None  # where the pursued mission began
         self._pursued_ns = self._retasked_ns = -1
         self._retasks = 0
@@ -90,8 +91,7 @@ class VehicleDriver:
             self._retasked_ns = now_ns
         self._pursued, self._pursued_ns, self._start_cell = passed, now_ns, self._cell()
         self._tell(now_ns, EventKind.COMMAND, str(passed))
-        if self._vehicle is not None:
-            self._vehicle.pursue(passed, now_ns)
+        self._applied = self._vehicle is not None and self._vehicle.pursue(passed, now_ns)
         return passed
 
     def poll(self, now_ns: int) -> bytes:
@@ -104,7 +104,7 @@ class VehicleDriver:
             self._events.extend(self._vehicle.events)
             self._vehicle.events.clear()
             if self._vehicle.launch.phase is Phase.PILOT and not isinstance(self._pursued, Hold):
-                self._pursued = Hold(Refusal.PILOT.value)
+                self._pursued, self._applied = Hold(Refusal.PILOT.value), False
             self._watch_connection(self._vehicle.connected(now_ns), now_ns)
         return b"".join([self._encode(message, now_ns) for message in out])
 
@@ -224,7 +224,9 @@ class VehicleDriver:
     def _unchanged(self, passed: VehicleCommand, now_ns: int) -> bool:
         """Whether nothing new has to be sent for `passed`."""
         if isinstance(passed, Hold):
-            return isinstance(self._pursued, Hold)
+            # one that could not be sent, because the link was down or the position old, must be sent once it can
+            waits = not self._applied and self._vehicle is not None and self._vehicle.ready(now_ns)
+            return isinstance(self._pursued, Hold) and not waits
         failed = self.status.failed and self.status is not Status.NOT_PROGRESSING
         if failed and now_ns - self._pursued_ns >= self.config.failed_retry_s * NS_PER_S:
             return False

@@ -26,6 +26,9 @@ CONFIRM_NS = 5 * NS_PER_S
 TOTAL_NS = 5 * NS_PER_S
 MODE_PATIENCE_NS = 10 * NS_PER_S  # then STALE_TARGET is reported; the mode is still asked for
 STARTS = 3
+# An upload that takes longer stops the vehicle: until it is complete, ArduPilot drives a mix of the old and the new
+# mission, straight to whatever now stands at the old index.
+MIXED_NS = NS_PER_S
 COMPLETE = 5  # MISSION_STATE_COMPLETE
 UNTOLD_TOTALS = (0, 65535)
 
@@ -159,9 +162,12 @@ class Retask:
         else:
             self._out.append(wire.MissionSetCurrent(self.transfer.vehicle, seq))
 
-    def _watch_upload(self, _seen: Telemetry, now_ns: int) -> None:
+    def _watch_upload(self, seen: Telemetry, now_ns: int) -> None:
         result = self.transfer.result
         if self.transfer.active or result is None:
+            mixed = not self.profile.atomic_upload and seen.custom_mode == self.profile.mission_mode
+            if mixed and now_ns - self._since_ns >= MIXED_NS:
+                self.modes.want(self.profile.hold_mode)
             return
         if result in (Result.ACCEPTED, Result.ALREADY_ON_BOARD):
             self._uploaded_ns = now_ns

@@ -47,6 +47,7 @@ class Profile:
     # mission
     first_item_seq: int  # 1 where slot 0 is home, a placeholder
     yaw_param: float  # param4 of waypoints and repositions: NaN ("leave it") only where it is not refused
+    atomic_upload: bool  # the old mission is driven until the new one is complete; else a mix of both
     item_frame: int
     item_read_back_frames: frozenset[int]  # `item_frame` may be downloaded as any of these
     set_current: SetCurrent

@@ -215,6 +215,48 @@ def test_a_polygon_fence_holds_a_command_that_leaves_it() -> None:
     assert field.driver.command(Goto((7, 7)), field.now) == Goto((7, 7))
 
 
+def test_a_hold_that_could_not_be_sent_is_sent_when_the_link_returns() -> None:
+    field = Field("ardupilot-rover")
+    field.until(field.ready, 30)
+    field.run(4, Mission(((2, 11),)))
+    field.vehicle.silent = True
+    field.run(8, Hold("enough"))
+    field.vehicle.silent = False
+    field.vehicle.mode = 10  # what was sent into the silence was lost
+    field.run(3, Hold("enough"))
+    assert field.vehicle.mode == 4
+
+
+def test_a_slow_upload_stops_a_rover_that_would_drive_a_mix_of_two_missions() -> None:
+    field = Field("ardupilot-rover")
+    field.until(field.ready, 30)
+    field.run(4, Mission(((2, 11),)))
+    original, field.vehicle.ask = field.vehicle.ask, lambda: None  # every request is lost
+    field.run(3, Mission(((8, 4), (8, 8))))
+    assert field.vehicle.mode == 4
+    field.vehicle.ask = original
+    assert field.until(field.arrived, 90, Mission(((8, 4), (8, 8))))
+    assert (8, 4) in field.visited
+
+
+def test_a_quick_upload_does_not_stop_a_rover() -> None:
+    field = Field("ardupilot-rover")
+    field.until(field.ready, 30)
+    field.run(4, Mission(((2, 11),)))
+    mark = len(field.vehicle.received)
+    field.run(5, Mission(((8, 4), (8, 8))))
+    assert 176 not in field.commands_since(mark)
+
+
+def test_a_mode_of_ours_that_shows_up_late_is_not_the_pilot() -> None:
+    field = Field("ardupilot-rover", drive="guided")
+    field.until(field.ready, 30)
+    beat, field.vehicle.heartbeat = field.vehicle.heartbeat, lambda: None  # five heartbeats are lost
+    field.run(5, Mission(((2, 6),)))
+    field.vehicle.heartbeat = beat
+    assert field.until(field.arrived, 30, Mission(((2, 6),)))
+
+
 def test_without_auto_launch_nothing_is_armed_until_told() -> None:
     field = Field("ardupilot-rover", auto_launch=False)
     field.run(10)
