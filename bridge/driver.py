@@ -55,7 +55,8 @@ class VehicleDriver:
         self._here: tuple[tuple[float, float], Point] | None = None  # (lat, lon) and the same in the grid's metres
         self._applied = False  # it was sent
         self._start_cell: Cell | None = None  # where the pursued mission began
-        self._pursued_ns = self._retasked_ns = -1
+        self._retasked_ns = -1
+        self._failed_ns: int | None = None  # since when the pursuit fails
         self._retasks = 0
         self._heartbeat_ns = now_ns - round(NS_PER_S / config.heartbeat_hz)
         self._critical = False
@@ -89,7 +90,7 @@ class VehicleDriver:
         if not isinstance(passed, Hold):
             self._retasks += passed != self._pursued
             self._retasked_ns = now_ns
-        self._pursued, self._pursued_ns, self._start_cell = passed, now_ns, self._cell()
+        self._pursued, self._failed_ns, self._start_cell = passed, None, self._cell()
         self._tell(now_ns, EventKind.COMMAND, str(passed))
         self._applied = self._vehicle is not None and self._vehicle.pursue(passed, now_ns)
         return passed
@@ -227,10 +228,16 @@ class VehicleDriver:
             # one that could not be sent, because the link was down or the position old, must be sent once it can
             waits = not self._applied and self._vehicle is not None and self._vehicle.ready(now_ns)
             return isinstance(self._pursued, Hold) and not waits
-        failed = self.status.failed and self.status is not Status.NOT_PROGRESSING
-        if failed and now_ns - self._pursued_ns >= self.config.failed_retry_s * NS_PER_S:
+        return not self._due_again(now_ns) and (passed == self._pursued or self._is_rest_of_pursued(passed))
+
+    def _due_again(self, now_ns: int) -> bool:
+        """Whether the command has been failing for so long that it is time for another try."""
+        if not self.status.failed or self.status is Status.NOT_PROGRESSING:
+            self._failed_ns = None
             return False
-        return passed == self._pursued or self._is_rest_of_pursued(passed)
+        if self._failed_ns is None:
+            self._failed_ns = now_ns
+        return now_ns - self._failed_ns >= self.config.failed_retry_s * NS_PER_S
 
     def _is_rest_of_pursued(self, passed: VehicleCommand) -> bool:
         """Whether a mission is what remains of the pursued one: paths are planned anew from the robot's own cell."""

@@ -48,5 +48,4 @@ PROFILE = Profile(
     reposition_frame=Frame.GLOBAL_RELATIVE_ALT_INT,
     reposition_amsl=False,
     position_type_mask=0x0DF8,
-    echo_has_altitude=True,
 )

@@ -47,5 +47,4 @@ PROFILE = Profile(
     reposition_frame=Frame.GLOBAL_RELATIVE_ALT_INT,
     reposition_amsl=False,
     position_type_mask=0x0DFC,
-    echo_has_altitude=False,
 )

@@ -63,7 +63,6 @@ class Profile:
     reposition_frame: int
     reposition_amsl: bool  # z is above mean sea level, home's altitude is added
     position_type_mask: int  # SET_POSITION_TARGET_*: bits that say IGNORE
-    echo_has_altitude: bool  # POSITION_TARGET_GLOBAL_INT tells the target's altitude
 
     def mode_name(self, custom_mode: int) -> str:
         """The mode's name, or its number where it has none here."""

@@ -32,5 +32,4 @@ PROFILE = Profile(
     reposition_frame=Frame.GLOBAL,  # the frame is ignored: frame 6 with z = 10 flew it into the ground
     reposition_amsl=True,
     position_type_mask=0x0DF8,
-    echo_has_altitude=True,
 )

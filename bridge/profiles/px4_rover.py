@@ -32,5 +32,4 @@ PROFILE = Profile(
     reposition_frame=Frame.GLOBAL,
     reposition_amsl=True,
     position_type_mask=0x0DFC,
-    echo_has_altitude=False,
 )

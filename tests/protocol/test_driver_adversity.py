@@ -257,6 +257,59 @@ def test_a_mode_of_ours_that_shows_up_late_is_not_the_pilot() -> None:
     assert field.until(field.arrived, 30, Mission(((2, 6),)))
 
 
+def test_a_speed_is_given_with_guided_targets_and_after_a_mission_began() -> None:
+    copter = Field("ardupilot-copter", speed_m_s=3.0)
+    copter.until(copter.ready, 30)
+    copter.run(2, Goto((9, 8)))
+    assert [m.param1 for m in copter.vehicle.received if m.get_type() == "COMMAND_INT"] == [3.0]
+    rover = Field("ardupilot-rover", speed_m_s=2.0)
+    rover.until(rover.ready, 30)
+    rover.run(3, Mission(((2, 9),)))
+    speeds = [m.param2 for m in rover.vehicle.received if m.get_type() == "COMMAND_LONG" and m.command == 178]
+    assert speeds == [2.0]
+
+
+def test_a_take_off_that_was_lost_is_asked_for_again() -> None:
+    field = Field("ardupilot-copter")
+    original, lost = field.vehicle.on_command_long, []
+
+    def deaf(message: object) -> None:
+        if message.command == 22 and len(lost) < 6:  # type: ignore[attr-defined]
+            lost.append(message)
+        else:
+            original(message)
+
+    field.vehicle.on_command_long = deaf
+    assert field.until(field.ready, 60)
+    assert len(lost) == 6
+
+
+def test_an_upload_that_the_vehicle_refuses_is_reported_with_its_reason() -> None:
+    field = Field("ardupilot-rover")
+    field.until(field.ready, 30)
+    field.vehicle.on_mission_count = lambda _m: field.vehicle.mission_ack(4)
+    field.run(2, Mission(((2, 9),)))
+    assert field.driver.status is Status.UPLOAD_FAILED
+    assert "status: upload_failed: too many items for the vehicle" in field.events
+
+
+def test_a_px4_mode_that_never_switches_is_reported_though_it_is_acknowledged() -> None:
+    field = Field("px4-rover")
+    field.until(field.ready, 30)
+    field.vehicle.set_mode = lambda _mode: None
+    field.run(14, Mission(((2, 9),)))
+    assert field.driver.status is Status.STALE_TARGET
+
+
+def test_a_px4_rover_that_ignores_its_new_current_item_is_reported() -> None:
+    field = Field("px4-rover")
+    field.until(field.ready, 30)
+    assert field.until(field.arrived, 60, Mission(((2, 6), (4, 6))))
+    field.vehicle.on_mission_set_current = lambda _m: None  # "Busy"
+    field.run(8, Mission(((4, 3), (8, 3))))
+    assert field.driver.status is Status.STALE_TARGET
+
+
 def test_without_auto_launch_nothing_is_armed_until_told() -> None:
     field = Field("ardupilot-rover", auto_launch=False)
     field.run(10)
