@@ -216,15 +216,30 @@ def test_a_polygon_fence_holds_a_command_that_leaves_it() -> None:
 
 
 def test_a_hold_that_could_not_be_sent_is_sent_when_the_link_returns() -> None:
-    field = Field("ardupilot-rover")
+    field = Field("ardupilot-rover", position_max_age_s=100.0)
     field.until(field.ready, 30)
     field.run(4, Mission(((2, 11),)))
     field.vehicle.silent = True
-    field.run(8, Hold("enough"))
+    field.run(8, Mission(((2, 11),)))
+    field.run(1, Hold("enough"))
+    assert field.vehicle.mode == 10
     field.vehicle.silent = False
-    field.vehicle.mode = 10  # what was sent into the silence was lost
     field.run(3, Hold("enough"))
     assert field.vehicle.mode == 4
+
+
+def test_a_heartbeat_that_was_overtaken_is_not_the_pilot() -> None:
+    field = Field("ardupilot-rover")
+    field.until(field.ready, 30)
+    old = mav.MAVLink_heartbeat_message(10, 3, 129, 0, 4, 3)  # from before: MANUAL
+    number = field.vehicle.mav.seq
+    field.vehicle.mav.seq = (number - 100) % 256
+    frame = old.pack(field.vehicle.mav)
+    field.vehicle.mav.seq = number
+    field.run(0.9)
+    field.driver.receive(frame, field.now)
+    field.run(1)
+    assert field.driver.state(field.now).phase == "ready"
 
 
 def test_a_slow_upload_stops_a_rover_that_would_drive_a_mix_of_two_missions() -> None:
