@@ -169,6 +169,7 @@ def record_until_killed(path: Path, pipe: int) -> None:
         recorder.poll(now_ns)
 
 
+@pytest.mark.slow
 def test_a_kill_at_any_moment_loses_at_most_one_second(tmp_path: Path) -> None:
     rng = random.Random(7)
     for kill in range(100):
