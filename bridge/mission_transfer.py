@@ -228,7 +228,7 @@ class MissionClient:
     def _on_accepted(self, now_ns: int) -> None:
         if self._goal is Event.CLEAR:
             self._fire(Event.ACCEPTED, now_ns, Result.CLEARED)
-        elif self._goal is Event.UPLOAD and self.active and len(self._requested) == len(self._items):
+        elif self._goal is Event.UPLOAD:  # no row takes it before every item was requested
             if self.step is Step.FETCH and not self._doubt:
                 self._send_ack(MissionResult.ACCEPTED)  # PX4 takes no set-current while a download is open
             self._fire(Event.DOUBTFUL if self._doubt else Event.ACCEPTED, now_ns, Result.ACCEPTED)

@@ -12,13 +12,16 @@ from gatar_edge.errors import GatarError
 
 COMMANDS = {
     "sim": "fly a seeded mission with simulated autopilots",
+    "init": "write the configuration of one vehicle",
     "vehicle": "run the inference daemon of one vehicle",
+    "fleet": "show the team live, by listening only",
     "dataset": "make training data with a teacher",
     "train": "train a network",
     "eval": "compare allocators with the paper and with each other",
     "export": "turn a trained network into one ONNX file",
     "verify": "prove that an ONNX file equals its network",
     "log": "review a mission log",
+    "bench": "measure this machine",
 }
 
 

@@ -12,13 +12,12 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gatar_edge.agent import Identity
 from gatar_edge.allocators.base import Allocator
-from gatar_edge.bridge.link import parse_url
+from gatar_edge.bridge.link import check_url
 from gatar_edge.bridge.settings import DriverConfig
 from gatar_edge.errors import ConfigError, GatarError
 from gatar_edge.keys import read_key
@@ -30,9 +29,6 @@ from gatar_edge.transports.udp import parse_address
 from gatar_edge.types import CellState, RobotKind, RobotState
 from gatar_edge.vehicle_config import VehicleConfig
 from gatar_edge.view import build_view
-
-if TYPE_CHECKING:
-    from gatar_edge.transports.base import Transport
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,14 +127,6 @@ def describe(prepared: Prepared, *, dry_run: bool) -> list[str]:
     ]
 
 
-def open_radio(config: VehicleConfig) -> Transport:
-    """The configured transport. Raises LinkError, or MissingExtraError for one whose library is not installed."""
-    from gatar_edge.transports.udp import UdpTransport
-
-    net = config.net
-    return UdpTransport(net.listen, net.peers, net.group or None)
-
-
 def anchored_clock() -> Callable[[], int]:
     """A clock that never jumps, yet tells the time of day as it was known at the start: nanoseconds since 1970.
 
@@ -158,7 +146,7 @@ def _launching(config: VehicleConfig, dry_run: bool) -> str:
 
 
 def _check_addresses(config: VehicleConfig) -> None:
-    parse_url(config.vehicle.url)
+    check_url(config.vehicle.url)
     if not config.perception.listen.startswith("unix:"):
         local_address(config.perception.listen, allow_remote=config.perception.allow_remote)
     if config.watch.http:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import selectors
+import select
 import signal
 import socket
 import time
@@ -14,7 +14,7 @@ from typing import Protocol
 
 from gatar_edge.agent import Agent
 from gatar_edge.bridge.driver import VehicleDriver
-from gatar_edge.bridge.link import open_link
+from gatar_edge.bridge.link import Link, open_link
 from gatar_edge.daemon import POLL_NS, STOP_NS, Daemon, Ports, Settings
 from gatar_edge.deadline import Punctual, ThreadRunner
 from gatar_edge.health import Snapshot
@@ -22,10 +22,12 @@ from gatar_edge.journal import Journal
 from gatar_edge.perception import Perception
 from gatar_edge.perception_link import PerceptionSocket
 from gatar_edge.persist import StateSaver, restore
-from gatar_edge.preflight import Prepared, open_radio
+from gatar_edge.preflight import Prepared
 from gatar_edge.record import Recorder
 from gatar_edge.runinfo import describe_run
+from gatar_edge.transports.base import Transport
 from gatar_edge.transports.budget import ByteBudget
+from gatar_edge.transports.udp import UdpTransport
 from gatar_edge.types import NS_PER_S
 from gatar_edge.vehicle_config import VehicleConfig
 from gatar_edge.vehicle_port import AutopilotPort
@@ -35,19 +37,28 @@ Clock = Callable[[], int]
 
 
 class Waiter:
-    """Sleeps until a socket has something, a signal comes, or the time is up."""
+    """Sleeps until a socket has something, a signal comes, or the time is up.
 
-    def __init__(self, sockets: Sequence[int]) -> None:
-        self._selector = selectors.DefaultSelector()
+    Asks each time for the sockets' numbers: a connection that was opened again has another one, or -1 while it is lost.
+    """
+
+    def __init__(self, filenos: Sequence[Callable[[], int]]) -> None:
         self._wake, self._woken = socket.socketpair()
         self._wake.setblocking(False)
         self._woken.setblocking(False)
-        for fileno in (*sockets, self._woken.fileno()):
-            self._selector.register(fileno, selectors.EVENT_READ)
+        self._filenos = (*filenos, self._woken.fileno)
+        self._poll = select.poll()
+        self._registered: set[int] = set()
 
     def wait(self, duration_ns: int) -> None:
         """Wait for at most `duration_ns`."""
-        self._selector.select(max(0, duration_ns) / NS_PER_S)
+        wanted = {number for fileno in self._filenos if (number := fileno()) >= 0}
+        for gone in self._registered - wanted:
+            self._poll.unregister(gone)
+        for number in wanted:  # again also where known: the number may now be another socket's
+            self._poll.register(number, select.POLLIN)
+        self._registered = wanted
+        self._poll.poll(max(0, duration_ns) / 1e6)
         with contextlib.suppress(BlockingIOError):
             self._woken.recv(64)
 
@@ -58,7 +69,6 @@ class Waiter:
 
     def close(self) -> None:
         """Give the sockets back."""
-        self._selector.close()
         self._wake.close()
         self._woken.close()
 
@@ -136,40 +146,64 @@ def opened(prepared: Prepared, clock_ns: Clock, *, dry_run: bool) -> Iterator[Pr
         if log is not None:
             stack.callback(log.close)
         journal = Journal(config.robot.id, log)
-        radio = open_radio(config)
-        stack.callback(radio.close)
+        link = stack.enter_context(open_link(config.vehicle.url))
+        radio, tap = _open_radio(config, prepared.driver.sysid, link)
         perception = PerceptionSocket(config.perception.listen, allow_remote=config.perception.allow_remote)
-        stack.callback(perception.close)
-        link = open_link(config.vehicle.url)
-        stack.callback(link.close)
-        agent = _make_agent(prepared, journal, log, clock_ns())
-        saver = _open_saver(config)
-        watchers: list[Callable[[Snapshot], None]] = []
+        vehicle = _vehicle(prepared, link, journal, log, clock_ns(), dry_run=dry_run, tap=tap)
+        waiter = Waiter([radio.fileno, perception.fileno, link.fileno])
+        for closing in (radio, perception, waiter):
+            stack.callback(closing.close)
         notifier = Notifier()
-        watchers.append(notifier.published)
+        watchers = [notifier.published]
         if config.watch.http:
             http = HttpWatch(config.watch.http, clock_ns)
             stack.callback(http.close)
             watchers.append(http.published)
-        driver = VehicleDriver(prepared.driver, clock_ns())
-        if config.vehicle.launch == "auto" and not dry_run:
-            driver.launch()
-        by_hand = config.vehicle.launch == "armed" and not dry_run
-        vehicle = AutopilotPort(driver, link, journal, log, launch_when_armed=by_hand)
-        ports = Ports(radio, perception, vehicle, clock_ns, log, saver, _to_all(watchers))
+        saver = StateSaver(Path(config.state.file)) if config.state.file else None
         daemon = Daemon(
-            agent,
+            _make_agent(prepared, journal, log, clock_ns()),
             Perception(config.robot.id, config.kind, config.grid_spec),
             ByteBudget(config.net.bytes_per_s, sends=radio.sends),
-            ports,
+            Ports(radio, perception, vehicle, clock_ns, log, saver, _to_all(watchers)),
             _settings(config, dry_run=dry_run),
         )
         if saver is not None:
             stack.callback(saver.close)
             stack.callback(lambda: saver.save_soon(daemon.state()))  # runs before close
-        waiter = Waiter([radio.fileno(), perception.fileno(), link.fileno()])
-        stack.callback(waiter.close)
         yield Process(daemon, vehicle, waiter, notifier, clock_ns)
+
+
+def _open_radio(config: VehicleConfig, sysid: int, link: Link) -> tuple[Transport, Callable[[bytes], None] | None]:
+    """The configured transport, and what is to be told of the bytes on the vehicle's link. Raises GatarError."""
+    net = config.net
+    if net.transport == "zenoh":
+        from gatar_edge.transports.zenoh import ZenohTransport
+
+        file = Path(net.zenoh_config) if net.zenoh_config else None
+        return ZenohTransport(config.robot.id, net.listen, net.peers, file), None
+    if net.transport == "mavlink":
+        from gatar_edge.transports.mavlink_tunnel import MavlinkTunnel
+
+        tunnel = MavlinkTunnel(lambda data: link.send(data, sysid), link.fileno, sysid)
+        return tunnel, tunnel.feed
+    return UdpTransport(net.listen, net.peers, net.group or None), None
+
+
+def _vehicle(
+    prepared: Prepared,
+    link: Link,
+    journal: Journal,
+    log: Recorder | None,
+    now_ns: int,
+    *,
+    dry_run: bool,
+    tap: Callable[[bytes], None] | None,
+) -> AutopilotPort:
+    driver = VehicleDriver(prepared.driver, now_ns)
+    launch = prepared.config.vehicle.launch
+    if launch == "auto" and not dry_run:
+        driver.launch()
+    return AutopilotPort(driver, link, journal, log, launch_when_armed=launch == "armed" and not dry_run, tap=tap)
 
 
 def _settings(config: VehicleConfig, *, dry_run: bool) -> Settings:
@@ -191,10 +225,6 @@ def _make_agent(prepared: Prepared, journal: Journal, log: Recorder | None, now_
         if log is not None:
             log.takes_over(restored.state, now_ns)
     return agent
-
-
-def _open_saver(config: VehicleConfig) -> StateSaver | None:
-    return StateSaver(Path(config.state.file)) if config.state.file else None
 
 
 def _open_log(prepared: Prepared, now_ns: int) -> Recorder | None:

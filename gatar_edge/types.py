@@ -149,6 +149,7 @@ class Decision:
     candidates: tuple[Candidate, ...]
     choices: tuple[int, ...]  # index of the candidate the joint solution gives to each robot, -1 for none
     attention: tuple[float, ...] = ()  # over the robots of the graph, where the allocator has it
+    shunned: tuple[Cell, ...] = ()  # cells that the vehicle could not reach lately, taken as unreachable for ego
     latency_ns: int = 0  # measured by the caller; not part of the decision's digest
 
 

@@ -135,7 +135,7 @@ class LogSection(_Section, frozen=True, kw_only=True):
 class StateSection(_Section, frozen=True, kw_only=True):
     """What survives a crash."""
 
-    file: str = "state.bin"
+    file: str = "state-{id}.bin"  # {id}: the robot's; empty: none
     period_s: Annotated[float, Meta(ge=0.1, le=60)] = 1.0
     max_age_s: Annotated[float, Meta(ge=0, le=86_400)] = 600.0  # older knowledge is of another mission
 
@@ -221,7 +221,7 @@ def _resolved(config: VehicleConfig, folder: Path) -> VehicleConfig:
         model=replace(config.model, file=at(config.model.file)),
         net=replace(config.net, key_file=at(config.net.key_file), zenoh_config=at(config.net.zenoh_config)),
         log=replace(config.log, folder=at(config.log.folder)),
-        state=replace(config.state, file=at(config.state.file)),
+        state=replace(config.state, file=at(config.state.file.replace("{id}", str(config.robot.id)))),
     )
 
 

@@ -6,15 +6,15 @@ changes float sums, and every robot of a graph must break ties alike.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from gatar_edge.belief import known_targets
 from gatar_edge.grid import UNREACHABLE, passable, path_lengths
-from gatar_edge.types import ByteGrid, Cells, IntGrid, RobotKind, RobotState
+from gatar_edge.types import ByteGrid, Cell, Cells, IntGrid, RobotKind, RobotState
 
 Hops = npt.NDArray[np.int8]
 
@@ -54,6 +54,15 @@ def build_view(
     return View(now_ns, robots, hop_counts(robots, r_comm, hop_limit), belief, targets, distances, lengths)
 
 
+def without(view: View, cells: Iterable[Cell]) -> View:
+    """The view with `cells` unreachable for ego: its vehicle could not go there, whatever the map says."""
+    distances, lengths = view.distances.copy(), view.lengths.copy()
+    for cell in cells:
+        distances[0, cell[0], cell[1]] = UNREACHABLE
+        lengths[0, (view.targets == cell).all(axis=1)] = UNREACHABLE
+    return replace(view, distances=distances, lengths=lengths)
+
+
 def hop_counts(robots: Sequence[RobotState], r_comm: float, hop_limit: int) -> Hops:
     """Hops between robots in the radius graph (eq. 4 of the paper: within `r_comm` cells, Euclidean): int8 [N, N]."""
     cells = np.array([robot.cell for robot in robots], dtype=np.float64)
@@ -66,6 +75,17 @@ def hop_counts(robots: Sequence[RobotState], r_comm: float, hop_limit: int) -> H
         reached = (reached.astype(np.int32) @ near.astype(np.int32)) > 0
         hops[reached & (hops < 0)] = hop
     return hops
+
+
+def target_legs(view: View, kind: RobotKind) -> npt.NDArray[np.float64]:
+    """Cells from target to target for a robot of `kind`: float64 [M, M], inf where there is no way."""
+    free = passable(kind, view.belief)
+    legs = np.full((len(view.targets), len(view.targets)), np.inf)
+    x, y = view.targets[:, 0], view.targets[:, 1]
+    for index, (here_x, here_y) in enumerate(view.targets.tolist()):
+        lengths = path_lengths(kind, (here_x, here_y), free)[x, y]
+        legs[index] = np.where(lengths == UNREACHABLE, np.inf, lengths)
+    return legs
 
 
 def travel_times(view: View) -> npt.NDArray[np.float64]:

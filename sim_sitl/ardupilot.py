@@ -16,6 +16,7 @@ from gatar_edge.sim_sitl.parameters import ARDUCOPTER as COPTER_PARAMETERS
 from gatar_edge.sim_sitl.parameters import ARDUROVER as ROVER_PARAMETERS
 from gatar_edge.sim_sitl.telemetry import COMMON as COMMON_STREAMS
 from gatar_edge.sim_sitl.telemetry import Stream, ekf_status_report, gps_global_origin, home_position
+from gatar_edge.sim_sitl.vehicle import Goal
 from gatar_edge.sim_sitl.wire import Message
 
 
@@ -34,6 +35,7 @@ class ArduPilot:
     def __init__(self, is_copter: bool) -> None:
         self.modes = ARDUCOPTER if is_copter else ARDUROVER
         self.parameters = COPTER_PARAMETERS if is_copter else ROVER_PARAMETERS
+        self._reported: Goal | None = None
         self.streams = {
             **COMMON_STREAMS,
             42: Stream("MISSION_CURRENT", mission_current, 1.0),
@@ -65,7 +67,13 @@ class ArduPilot:
         core.text(6, "AHRS: EKF3 active")
 
     def step(self, core: Core) -> None:
-        """No timers of its own."""
+        """A rover in GUIDED reports item 0 when it has reached its target."""
+        nav = core.nav
+        if core.is_copter or core.mode.does is not Does.GUIDED or nav is self._reported or not isinstance(nav, Goal):
+            return
+        if nav.distance_m(core.body) < core.params["WP_RADIUS"]:
+            self._reported = nav
+            core.emit("MISSION_ITEM_REACHED", seq=0)
 
     def receive(self, core: Core, message: Message) -> None:
         """SET_MODE, position targets and the EKF origin."""

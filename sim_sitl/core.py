@@ -22,6 +22,7 @@ from gatar_edge.types import NS_PER_S
 _LIFTED_M = 0.3
 _FLOATING_M = 0.02
 _FAR_M = 10_000.0
+_HIGH_M = 20_000.0
 _OUTBOX_MAX = 4096
 
 
@@ -163,8 +164,9 @@ class Core:
     # Altitudes: `up` is metres above the ground at the start, which lies at config.home_alt_m
 
     def up_of(self, alt_m: float, amsl: bool) -> float:
-        """Altitude above the sea or above home, as metres up."""
-        return alt_m - self.config.home_alt_m if amsl else alt_m + self.home.up_m
+        """Altitude above the sea or above home, as metres up; what is absurd is cut to twenty kilometres."""
+        up_m = alt_m - self.config.home_alt_m if amsl else alt_m + self.home.up_m
+        return max(-_HIGH_M, min(_HIGH_M, up_m))
 
     def amsl_of(self, up_m: float) -> float:
         """Metres up as altitude above the sea."""
@@ -275,7 +277,7 @@ class Core:
     def _follow_phase(self) -> None:
         body, home = self.body, self.home
         if self.phase is Phase.CLIMB:
-            up = max(body.up_m, home.up_m + self.stack.return_altitude_m(self))
+            up = max(body.up_m, self.up_of(self.stack.return_altitude_m(self), amsl=False))
             if up - body.up_m < 0.5:
                 self.phase = Phase.HOME
             goal = self.nav if isinstance(self.nav, Goal) else self.stopping_place()

@@ -38,7 +38,8 @@ _ARDUPILOT: Defaults = {
 }
 ARDUCOPTER: Defaults = {
     **_ARDUPILOT,
-    **_whole(INT8, FENCE_TYPE=7, FENCE_ACTION=1, DISARM_DELAY=10),
+    **_whole(INT8, FENCE_TYPE=7, DISARM_DELAY=10),
+    **_real(FENCE_ACTION=1.0),  # a float on Copter, an integer on Rover, as measured
     **_real(WPNAV_SPEED=500.0, WPNAV_RADIUS=200.0, WPNAV_SPEED_UP=250.0, WPNAV_SPEED_DN=150.0, WPNAV_ACCEL=250.0),
     **_real(RTL_ALT=1500.0, RTL_SPEED=0.0, LAND_SPEED=50.0, GUID_TIMEOUT=3.0),
 }

@@ -22,8 +22,8 @@ def parse_address(text: str, default_host: str = "127.0.0.1") -> tuple[str, int]
     return host or default_host, int(port)
 
 
-class UdpGateway:
-    """One UDP socket for the whole fleet: everybody who ever wrote to it hears all vehicles."""
+class UdpSocket:
+    """A UDP socket that never blocks and never fails; `send` tells everybody who ever wrote to it."""
 
     def __init__(self, listen: str) -> None:
         address = parse_address(listen)
@@ -58,9 +58,9 @@ class UdpGateway:
         """Tell one address."""
         self._send(data, address)
 
-    def receive(self) -> list[bytes]:
-        """All datagrams that have come in."""
-        datagrams = []
+    def receive(self) -> list[tuple[bytes, tuple[str, int]]]:
+        """All datagrams that have come in, each with its sender."""
+        datagrams: list[tuple[bytes, tuple[str, int]]] = []
         for _ in range(MAX_DATAGRAMS):
             try:
                 data, sender = self._socket.recvfrom(MAX_BYTES)
@@ -70,7 +70,7 @@ class UdpGateway:
                 continue
             if len(self._clients) < MAX_CLIENTS:
                 self._clients[sender] = None
-            datagrams.append(data)
+            datagrams.append((data, sender))
         return datagrams
 
     def close(self) -> None:
@@ -82,6 +82,21 @@ class UdpGateway:
             self._socket.sendto(data, address)
         except OSError:
             return
+
+
+class Gateway:
+    """The fleet's door for ground stations: `fleet.Gateway` over one socket."""
+
+    def __init__(self, socket_: UdpSocket) -> None:
+        self._socket = socket_
+
+    def send(self, data: bytes) -> None:
+        """Tell every ground station."""
+        self._socket.send(data)
+
+    def receive(self) -> list[bytes]:
+        """What ground stations said."""
+        return [data for data, _ in self._socket.receive()]
 
 
 def datagrams_of(stream: bytes) -> Iterator[bytes]:

@@ -150,12 +150,14 @@ def gps_global_origin(core: Core) -> Fields | None:
 def position_target_global_int(core: Core) -> Fields | None:
     """The echo of the target: altitude above the sea, mask and frame as each stack sends them."""
     nav = core.nav
-    if not isinstance(nav, Goal) or core.mode.does not in _CAN_MOVE:
-        if core.config.stack == "ardupilot" or not core.is_armed:
+    ardupilot = core.config.stack == "ardupilot"
+    if not isinstance(nav, Goal):
+        if ardupilot:
             return None
         nav = core.stopping_place()
+    if core.mode.does not in _CAN_MOVE if ardupilot else not core.is_armed:
+        return None
     lat, lon = core.frame.geodetic(nav.east_m, nav.north_m)
-    ardupilot = core.config.stack == "ardupilot"
     # int(), not round(): the real ones are off by up to 1e-7 degrees too.
     return {
         "time_boot_ms": core.uptime_ms,

@@ -5,12 +5,23 @@ from __future__ import annotations
 from typing import Any
 
 from gatar_edge.sim_sitl.autopilot import AutopilotConfig, SimAutopilot
+from gatar_edge.sim_sitl.geodesy import LocalFrame
 from gatar_edge.sim_sitl.wire import mavlink
 from gatar_edge.types import NS_PER_S
 
 HOME = (-35.3632621, 149.1652374)
 COPTER = AutopilotConfig(sysid=1, vehicle="copter")
 ROVER = AutopilotConfig(sysid=2, vehicle="rover")
+
+
+def px4_copter(seed: int = 0) -> AutopilotConfig:
+    """A PX4 multicopter."""
+    return AutopilotConfig(sysid=3, vehicle="copter", stack="px4", seed=seed)
+
+
+def px4_rover(seed: int = 0) -> AutopilotConfig:
+    """A PX4 rover."""
+    return AutopilotConfig(sysid=4, vehicle="rover", stack="px4", seed=seed)
 
 
 class Client:
@@ -20,6 +31,7 @@ class Client:
         self.now_ns = 0
         self.vehicle = SimAutopilot(config, 0, **kwargs)
         self.target = config.sysid
+        self._frame = LocalFrame(config.home_lat_deg, config.home_lon_deg)
         self._out = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=compid)
         self._in = mavlink.MAVLink(None)
         self.log: list[Any] = []
@@ -31,7 +43,7 @@ class Client:
         self.log += messages
         return messages
 
-    def send(self, name: str, sysid: int | None = None, compid: int | None = None, **fields: Any) -> list[Any]:
+    def send(self, name: str, *, sysid: int | None = None, compid: int | None = None, **fields: Any) -> list[Any]:
         """Send a message and return the immediate answers."""
         message_class = getattr(mavlink, f"MAVLink_{name.lower()}_message")
         for target, value in (("target_system", self.target), ("target_component", 1)):
@@ -87,7 +99,7 @@ class Client:
 
     def place(self, east_m: float, north_m: float, z: float = 0.0) -> tuple[float, float, float]:
         """A point near home."""
-        lat, lon = self.vehicle._core.frame.geodetic(east_m, north_m)
+        lat, lon = self._frame.geodetic(east_m, north_m)
         return lat, lon, z
 
 

@@ -1,17 +1,20 @@
 """Vehicles without minds: the simulator's side of a mission whose agents are daemons in processes of their own.
 
-Each vehicle is reached over the gateway; each daemon gets what its robot sees as the datagram of
-`gatar_edge.perception`, at an address of its own.
+Each vehicle is reached over the gateway. Each daemon gets what its robot sees as the datagram of
+`gatar_edge.perception`, at an address of its own, and talks to the others through the simulated radio, which knows a
+sender by the address that it sends from.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 from gatar_edge.perception import encode_observation
 from gatar_edge.sim_sitl.body import Body
 from gatar_edge.sim_sitl.fleet import FleetConfig
-from gatar_edge.sim_sitl.realtime import UdpGateway
+from gatar_edge.sim_sitl.radio import Radio
+from gatar_edge.sim_sitl.realtime import UdpSocket
 from gatar_edge.sim_sitl.tally import Result, Tally
 from gatar_edge.sim_sitl.world import observe
 from gatar_edge.types import NS_PER_S
@@ -19,10 +22,23 @@ from gatar_edge.types import NS_PER_S
 PERCEPTION_NS = NS_PER_S // 5
 
 
+Address = tuple[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Sockets:
+    """Where the simulator meets the rest of the world; addresses by robot id."""
+
+    vehicles: UdpSocket  # MAVLink of all vehicles, for daemons and ground stations
+    radio: UdpSocket  # where daemons send what is meant for their neighbours
+    eyes: Mapping[int, Address]  # where each daemon takes observations
+    ears: Mapping[int, Address]  # where each daemon hears, and sends from
+
+
 class Yard:
     """The bodies of a team in their world. Call `advance` with rising times."""
 
-    def __init__(self, config: FleetConfig, gateway: UdpGateway, eyes: Mapping[int, tuple[str, int]]) -> None:
+    def __init__(self, config: FleetConfig, sockets: Sockets) -> None:
         self.config = config
         self.bodies = [
             Body(config.world, index, config.agent.grid, config.stacks[index], config.speed_m_s)
@@ -30,8 +46,9 @@ class Yard:
         ]
         self.tally = Tally(config.world, "daemons")
         self.began_ns: int | None = None  # when the first vehicle moved off
-        self._gateway = gateway
-        self._eyes = eyes
+        self._sockets = sockets
+        self._radio = Radio(config.agent.r_comm, config.faults.radio, config.world.seed)
+        self._by_ear = {address: robot_id for robot_id, address in sockets.ears.items()}
         self._now_ns = 0
         self._next_look_ns = 0
 
@@ -48,16 +65,17 @@ class Yard:
     def advance(self, now_ns: int) -> None:
         """Let the world go on up to `now_ns`."""
         self._now_ns = now_ns
-        for data in self._gateway.receive():
+        for data, _ in self._sockets.vehicles.receive():
             for body in self.bodies:
                 body.autopilot.receive(data, now_ns)
         for body in self.bodies:
             before_m = body.travelled_m
             body.step(now_ns)
             self.tally.travel(body.kind, (body.travelled_m - before_m) / self.config.agent.grid.cell_m)
-            self._gateway.send(body.autopilot.take())
+            self._sockets.vehicles.send(body.autopilot.take())
         if self.began_ns is None and any(body.travelled_m > 1.0 for body in self.bodies):
             self.began_ns = now_ns
+        self._carry(now_ns)
         if now_ns >= self._next_look_ns:
             self._next_look_ns += PERCEPTION_NS
             self._look(now_ns)
@@ -70,4 +88,15 @@ class Yard:
         for body in self.bodies:
             self.tally.visit(body.cell, self.step)
             seen = observe(self.config.world, body.robot_id, body.cell, self.config.agent.r_sense, now_ns)
-            self._gateway.send_to(encode_observation(seen, now_ns), self._eyes[body.robot_id])
+            self._sockets.vehicles.send_to(encode_observation(seen, now_ns), self._sockets.eyes[body.robot_id])
+
+    def _carry(self, now_ns: int) -> None:
+        """What the daemons sent on the air goes to those in range, with the radio's faults."""
+        positions = {body.robot_id: body.cell for body in self.bodies}
+        for datagram, sender in self._sockets.radio.receive():
+            robot_id = self._by_ear.get(sender)
+            if robot_id is not None:
+                self.tally.sent(datagram)
+                self._radio.send(now_ns, robot_id, datagram, positions)
+        for receiver, datagram in self._radio.deliver(now_ns):
+            self._sockets.radio.send_to(datagram, self._sockets.ears[receiver])

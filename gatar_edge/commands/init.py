@@ -6,10 +6,13 @@ import json
 import os
 import secrets
 from pathlib import Path
+from typing import TypeVar
 
 import click
 
 from gatar_edge.errors import ConfigError
+
+Number = TypeVar("Number", int, float)
 
 TEMPLATE = """\
 # One robot of a gatar-edge team. `gatar vehicle --config {name} --check` says what it would do.
@@ -67,7 +70,7 @@ listen = {perception}  # or "unix:/run/gatar/perception.sock"; format: docs/obse
 folder = "logs"            # one file a run; "" for none
 
 [state]
-file = "state.bin"         # belief, task and message sequence: a restarted daemon goes on where it was
+file = "state-{id}.bin"       # belief, task and message sequence: a restarted daemon goes on where it was
 # max_age_s = 600.0        # older knowledge is of another mission
 
 [watch]
@@ -90,7 +93,9 @@ http = {http}                  # /healthz and /metrics, such as "127.0.0.1:9100"
 @click.option("--allocator", default="gatar", show_default=True)
 @click.option("--listen", default="0.0.0.0:14600", show_default=True, help="Where neighbours are heard.")
 @click.option("--peer", "peers", multiple=True, help="HOST:PORT of a neighbour; may be repeated.")
-@click.option("--group", default="239.255.71.1:14600", show_default=True, help="Multicast group, where no peer is given.")
+@click.option(
+    "--group", default="239.255.71.1:14600", show_default=True, help="Multicast group, where no peer is given."
+)
 @click.option("--perception", default="127.0.0.1:14700", show_default=True, help="Where observations come in.")
 @click.option("--launch", type=click.Choice(["armed", "auto"]), default="armed", show_default=True)
 @click.option("--http", default="", help="HOST:PORT of /healthz and /metrics.")
@@ -106,26 +111,28 @@ def command(path: Path, force: bool, key_file: str, origin: str, size: str, **op
     from gatar_edge.keys import read_key
     from gatar_edge.vehicle_config import parse_config
 
-    lat, lon = _numbers(origin, ",", float, "--origin", "47.397742,8.545594")
-    width, height = _numbers(size.lower(), "x", int, "--size", "15x15")
-    text = configuration(path.name, lat, lon, width, height, key_file, options)
+    corner = _pair(origin, ",", float, "--origin", "47.397742,8.545594")
+    sides = _pair(size.lower(), "x", int, "--size", "15x15")
+    text = configuration(path.name, corner, sides, key_file, options)
     parse_config(text, "what you gave")
     if path.exists() and not force:
         raise ConfigError(f"{path} exists: --force overwrites it, --config writes another")
     key_path = path.parent / key_file
-    made = _make_key(key_path)
+    made = make_key(key_path)
     read_key(key_path)
     try:
         path.write_text(text)
     except OSError as error:
         raise ConfigError(f"{path} cannot be written: {error.strerror}") from error
     click.echo(f"wrote  {path}")
-    click.echo(f"{'made ' if made else 'kept '}  {key_path}" + ("  (copy it to each robot of the team)" if made else ""))
+    click.echo(
+        f"{'made ' if made else 'kept '}  {key_path}" + ("  (copy it to each robot of the team)" if made else "")
+    )
     click.echo(f"\nNext: gatar vehicle --config {path} --check")
 
 
 def configuration(
-    name: str, lat: float, lon: float, width: int, height: int, key_file: str, options: dict[str, object]
+    name: str, corner: tuple[float, float], sides: tuple[int, int], key_file: str, options: dict[str, object]
 ) -> str:
     """The text of vehicle.toml."""
     peers = list(options["peers"])  # type: ignore[call-overload]
@@ -136,10 +143,10 @@ def configuration(
         id=options["robot_id"],
         kind=json.dumps(str(options["kind"]).upper()),
         speed=options["speed_m_s"],
-        lat=lat,
-        lon=lon,
-        width=width,
-        height=height,
+        lat=corner[0],
+        lon=corner[1],
+        width=sides[0],
+        height=sides[1],
         cell=options["cell_m"],
         r_sense=options["r_sense"],
         r_comm=options["r_comm"],
@@ -150,7 +157,7 @@ def configuration(
     )
 
 
-def _numbers(text: str, separator: str, kind: type[float], option: str, example: str) -> tuple[float, float]:
+def _pair(text: str, separator: str, kind: type[Number], option: str, example: str) -> tuple[Number, Number]:
     try:
         first, second = (kind(part) for part in text.split(separator))
     except ValueError:
@@ -158,7 +165,7 @@ def _numbers(text: str, separator: str, kind: type[float], option: str, example:
     return first, second
 
 
-def _make_key(path: Path) -> bool:
+def make_key(path: Path) -> bool:
     """Make a key of mode 0600 where there is none; true if one was made. Raises ConfigError."""
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)

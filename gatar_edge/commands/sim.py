@@ -13,8 +13,9 @@ import click
 from gatar_edge.errors import ConfigError
 
 if TYPE_CHECKING:
-    from gatar_edge.sim_sitl.fleet import Fleet, FleetConfig
+    from gatar_edge.sim_sitl.fleet import Fleet, FleetConfig, Gateway
     from gatar_edge.sim_sitl.tally import Result
+    from gatar_edge.sim_sitl.yard import Yard
 
 STACKS = ("ardupilot", "px4", "mixed")
 
@@ -37,6 +38,16 @@ STACKS = ("ardupilot", "px4", "mixed")
 @click.option(
     "--out", type=click.Path(path_type=Path, file_okay=False), help="Folder for mission.mcap and report.html together."
 )
+@click.option("--realtime", is_flag=True, help="By the wall clock, with the vehicles on UDP for real clients.")
+@click.option("--listen", default="udp:127.0.0.1:14550", show_default=True, help="With --realtime: the vehicles.")
+@click.option(
+    "--speed-factor", type=click.FloatRange(0.1, 100), default=1.0, show_default=True, help="With --realtime."
+)
+@click.option(
+    "--daemons",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="With --realtime: leave the minds to `gatar vehicle` processes, and write their configurations here.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the result for machines.")
 def command(as_json: bool, log_path: Path | None, out: Path | None, **options: Any) -> None:
     """Fly a mission: every robot with its own mind, radio, bridge and simulated autopilot.
@@ -48,14 +59,25 @@ def command(as_json: bool, log_path: Path | None, out: Path | None, **options: A
     Example:
       gatar sim --team 3A3G --targets 24 --size 15 --seed 1 --allocator gatar --log mission.mcap
       gatar sim --seed 1 --allocator greedy --json
+      gatar sim --realtime --listen udp:127.0.0.1:14550        # watch it from a ground station
+      gatar sim --realtime --daemons runs/team                 # then: gatar vehicle --config runs/team/robot1.toml ...
     """
     if out is not None and log_path is not None:
         raise ConfigError("--log and --out exclude each other: --out already writes mission.mcap into its folder")
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         log_path = out / "mission.mcap"
-    config = fleet_config(**{key: options[key] for key in options if key != "allocator"})
-    result = fly(config, options["allocator"], log_path, quiet=as_json)
+    live = {key: options.pop(key) for key in ("realtime", "listen", "speed_factor", "daemons")}
+    allocator = options.pop("allocator")
+    config = fleet_config(**options)
+    if live.pop("realtime"):
+        from gatar_edge.commands.sim_realtime import fly_live
+
+        result = fly_live(config, allocator, log_path, quiet=as_json, **live)
+    elif live["daemons"] is not None:
+        raise ConfigError("--daemons needs --realtime: daemons run by the wall clock")
+    else:
+        result = fly(config, allocator, log_path, quiet=as_json)
     report = _write_report(log_path) if out is not None and log_path is not None else None
     if as_json:
         click.echo(json.dumps(result.to_json()))
@@ -70,15 +92,15 @@ def command(as_json: bool, log_path: Path | None, out: Path | None, **options: A
 def fleet_config(
     *,
     team: str,
-    targets: int | None,
-    size: int,
     seed: int,
-    r_sense: float,
-    r_comm: float,
-    stack: str,
-    loss: float,
-    telemetry_loss: float,
-    max_steps: int,
+    targets: int | None = None,
+    size: int = 15,
+    r_sense: float = 4.0,
+    r_comm: float = 6.0,
+    stack: str = "ardupilot",
+    loss: float = 0.0,
+    telemetry_loss: float = 0.0,
+    max_steps: int = 500,
 ) -> FleetConfig:
     """The mission that the options describe. Raises ConfigError and WorldError."""
     from gatar_edge.config import AgentConfig
@@ -102,25 +124,34 @@ def fleet_config(
 
 def fly(config: FleetConfig, allocator: str, log_path: Path | None, *, quiet: bool) -> Result:
     """Fly the mission in virtual time, with progress, into a log where one is wanted."""
+    from gatar_edge.sim_sitl.fleet import lock_step
+
+    with open_fleet(config, allocator, log_path) as fleet:
+        with progress(fleet, quiet) as update:
+            for _ in lock_step(fleet):
+                update()
+        return fleet.result()
+
+
+@contextlib.contextmanager
+def open_fleet(
+    config: FleetConfig, allocator: str, log_path: Path | None, gateway: Gateway | None = None
+) -> Iterator[Fleet]:
+    """The fleet with its log, which is closed however the mission ends."""
     from gatar_edge.allocators.registry import make
     from gatar_edge.record import Recorder
-    from gatar_edge.sim_sitl.fleet import Fleet, lock_step
+    from gatar_edge.sim_sitl.fleet import Fleet
 
     factory = make(allocator)
     log = Recorder(log_path, run_info(config, allocator), 0) if log_path is not None else None
-    fleet = Fleet(config, factory, log)
-    now_ns = 0
+    fleet = Fleet(config, factory, log, gateway)
     try:
-        with _progress(fleet, quiet) as update:
-            for now_ns in lock_step(fleet):
-                update(now_ns)
-        result = fleet.result()
+        yield fleet
         if log is not None:
-            log.result(result.to_json(), now_ns)
+            log.result(fleet.result().to_json(), fleet.now_ns)
     finally:
         if log is not None:
             log.close()
-    return result
 
 
 def run_info(config: FleetConfig, allocator: str) -> dict[str, Any]:
@@ -144,10 +175,10 @@ def run_info(config: FleetConfig, allocator: str) -> dict[str, Any]:
 
 
 @contextlib.contextmanager
-def _progress(fleet: Fleet, quiet: bool) -> Iterator[Callable[[int], None]]:
+def progress(fleet: Fleet | Yard, quiet: bool) -> Iterator[Callable[[], None]]:
     """A bar on a terminal, a plain line every ten steps elsewhere, nothing when quiet."""
     if quiet:
-        yield lambda now_ns: None
+        yield lambda: None
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -160,7 +191,7 @@ def _progress(fleet: Fleet, quiet: bool) -> Iterator[Callable[[int], None]]:
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("launch", total=fleet.tally.reachable)
 
-        def update(now_ns: int) -> None:
+        def update() -> None:
             phase = "launch" if fleet.began_ns is None else f"step {fleet.step:5.1f}"
             done = fleet.tally.reachable - fleet.tally.left
             bar.update(task, completed=done, description=f"{phase}  targets localized")
@@ -168,10 +199,10 @@ def _progress(fleet: Fleet, quiet: bool) -> Iterator[Callable[[int], None]]:
         yield update
 
 
-def _plain_lines(fleet: Fleet) -> Callable[[int], None]:
+def _plain_lines(fleet: Fleet | Yard) -> Callable[[], None]:
     said = -10.0
 
-    def update(now_ns: int) -> None:
+    def update() -> None:
         nonlocal said
         if fleet.began_ns is not None and fleet.step >= said + 10:
             said = fleet.step

@@ -43,15 +43,18 @@ def test_a_cell_survives_the_way_over_mavlink_integers_within_two_centimetres(
     assert geo.wgs84_to_cell(grid, lat_e7 / 1e7, lon_e7 / 1e7) == cell
 
 
-@given(LAT, LON, st.floats(-5000, 5000), st.floats(-5000, 5000), st.floats(-500, 5000), st.floats(-100, 3000))
+@given(
+    st.tuples(st.floats(-5000, 5000), st.floats(-5000, 5000), st.floats(-500, 5000)),
+    st.tuples(LAT, LON, st.floats(-100, 3000)),
+)
 def test_enu_to_geodetic_agrees_with_pymap3d(
-    lat: float, lon: float, east: float, north: float, up: float, alt: float
+    enu: tuple[float, float, float], origin: tuple[float, float, float]
 ) -> None:
-    mine = geo.enu_to_geodetic((east, north, up), (lat, lon, alt))
-    oracle = pymap3d.enu2geodetic(east, north, up, lat, lon, alt)
+    mine = geo.enu_to_geodetic(enu, origin)
+    oracle = pymap3d.enu2geodetic(*enu, *origin)
     assert metres_apart(mine[:2], oracle[:2]) < 1e-4
     assert mine[2] == pytest.approx(oracle[2], abs=1e-4)
-    assert geo.geodetic_to_enu(mine, (lat, lon, alt)) == pytest.approx((east, north, up), abs=1e-4)
+    assert geo.geodetic_to_enu(mine, origin) == pytest.approx(enu, abs=1e-4)
 
 
 def test_the_origin_is_the_outer_south_west_corner_of_the_first_cell() -> None:

@@ -132,6 +132,5 @@ def test_a_fingerprint_tells_missions_apart_and_ignores_home() -> None:
 
 
 def test_each_stack_starts_a_mission_in_its_measured_way() -> None:
-    assert [p.set_current for p in PROFILES] == [SetCurrent.COMMAND_WITH_RESET] * 2 + [
-        SetCurrent.MESSAGE_AFTER_TOTAL
-    ] * 2
+    ardupilot, px4 = SetCurrent.COMMAND_WITH_RESET, SetCurrent.MESSAGE_AFTER_TOTAL
+    assert [p.set_current for p in PROFILES] == [ardupilot, ardupilot, px4, px4]

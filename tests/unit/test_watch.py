@@ -10,12 +10,12 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from fake_ports import Rig
 
 from gatar_edge.errors import LinkError
 from gatar_edge.health import Snapshot
 from gatar_edge.types import NS_PER_S
 from gatar_edge.watch import HttpWatch, Notifier
-from tests.fake_ports import Rig
 
 
 @pytest.fixture

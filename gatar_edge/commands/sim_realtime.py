@@ -1,0 +1,125 @@
+"""`gatar sim --realtime`: the wall clock, real ground stations, and daemons as separate processes."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from gatar_edge.errors import LinkError
+
+if TYPE_CHECKING:
+    from gatar_edge.sim_sitl.fleet import Fleet, FleetConfig
+    from gatar_edge.sim_sitl.realtime import UdpSocket
+    from gatar_edge.sim_sitl.tally import Result
+    from gatar_edge.sim_sitl.yard import Yard
+
+HOST = "127.0.0.1"
+RADIO_PORT = 14600  # daemon i hears at this port + i
+EYES_PORT = 14700
+SLICE_S = 0.05
+
+
+def fly_live(
+    config: FleetConfig,
+    allocator: str,
+    log_path: Path | None,
+    *,
+    quiet: bool,
+    listen: str,
+    speed_factor: float,
+    daemons: Path | None,
+) -> Result:
+    """Fly by the wall clock until the mission is over or Ctrl-C; the vehicles listen at `listen`."""
+    from gatar_edge.sim_sitl.realtime import UdpSocket
+
+    with contextlib.closing(UdpSocket(listen)) as vehicles:
+        if not quiet:
+            count = len(config.world.team.kinds)
+            click.echo(f"{count} vehicles, system ids 1 to {count}, at {listen}", err=True)
+        if daemons is not None:
+            return _with_daemons(config, allocator, vehicles, daemons, speed_factor, quiet)
+        return _with_minds(config, allocator, log_path, vehicles, speed_factor, quiet)
+
+
+def _with_minds(
+    config: FleetConfig, allocator: str, log_path: Path | None, vehicles: UdpSocket, speed_factor: float, quiet: bool
+) -> Result:
+    """Everything in this process; ground stations may look on and interfere."""
+    from gatar_edge.commands.sim import open_fleet
+    from gatar_edge.sim_sitl.realtime import Gateway
+
+    with open_fleet(config, allocator, log_path, Gateway(vehicles)) as fleet:
+        _run(fleet, speed_factor, quiet)
+        return fleet.result()
+
+
+def _with_daemons(
+    config: FleetConfig, allocator: str, vehicles: UdpSocket, folder: Path, speed_factor: float, quiet: bool
+) -> Result:
+    """The vehicles here, the minds in processes of their own."""
+    from gatar_edge.sim_sitl.realtime import UdpSocket
+    from gatar_edge.sim_sitl.yard import Sockets, Yard
+
+    paths = write_configurations(config, allocator, vehicles.port, folder)
+    if not quiet:
+        click.echo("Now start the minds, each in a shell of its own or in the background:", err=True)
+        for path in paths:
+            click.echo(f"  gatar vehicle --config {path}", err=True)
+    ids = config.world.team.ids
+    with contextlib.closing(UdpSocket(f"{HOST}:{RADIO_PORT}")) as radio:
+        eyes = {robot_id: (HOST, EYES_PORT + robot_id) for robot_id in ids}
+        ears = {robot_id: (HOST, RADIO_PORT + robot_id) for robot_id in ids}
+        yard = Yard(config, Sockets(vehicles, radio, eyes, ears))
+        _run(yard, speed_factor, quiet)
+        return yard.result()
+
+
+def _run(fleet: Fleet | Yard, speed_factor: float, quiet: bool) -> None:
+    """Until the mission is over or the user has seen enough: Ctrl-C is a good end."""
+    from gatar_edge.commands.sim import progress
+    from gatar_edge.sim_sitl.realtime import paced
+
+    with progress(fleet, quiet) as update, contextlib.suppress(KeyboardInterrupt):
+        for now_ns in paced(SLICE_S, speed_factor):
+            fleet.advance(now_ns)
+            update()
+            if fleet.over:
+                return
+
+
+def write_configurations(config: FleetConfig, allocator: str, vehicles_port: int, folder: Path) -> list[Path]:
+    """One vehicle.toml a robot, and the team's key: all that the daemons of this mission need."""
+    from gatar_edge.commands.init import configuration, make_key
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise LinkError(f"{folder} cannot be made: {error.strerror}") from error
+    make_key(folder / "team.key")
+    grid = config.agent.grid
+    paths = []
+    for robot_id, kind in zip(config.world.team.ids, config.world.team.kinds, strict=True):
+        options = {
+            "robot_id": robot_id,
+            "kind": kind.name,
+            "speed_m_s": config.speed_m_s,
+            "cell_m": grid.cell_m,
+            "r_sense": config.agent.r_sense,
+            "r_comm": config.agent.r_comm,
+            "altitude_m": config.altitude_m + config.altitude_step_m * robot_id,
+            "allocator": allocator,
+            "url": f"udpout:{HOST}:{vehicles_port}",
+            "listen": f"{HOST}:{RADIO_PORT + robot_id}",
+            "peers": [f"{HOST}:{RADIO_PORT}"],
+            "perception": f"{HOST}:{EYES_PORT + robot_id}",
+            "launch": "auto",
+            "http": "",
+        }
+        path = folder / f"robot{robot_id}.toml"
+        corner, sides = (grid.origin_lat_deg, grid.origin_lon_deg), (grid.width, grid.height)
+        path.write_text(configuration(path.name, corner, sides, "team.key", options))
+        paths.append(path)
+    return paths

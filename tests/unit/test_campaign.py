@@ -1,0 +1,89 @@
+"""Comparisons of allocators over many missions."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from gatar_edge.campaign import Campaign, Flight, fly_all, fly_one, load_results
+from gatar_edge.commands.eval_missions import command
+from gatar_edge.errors import ConfigError
+from gatar_edge.learn.statistics import mean_interval, ratio_interval
+
+SMALL = Campaign(team="1A1G", size=8, targets=5, missions=2, seed=40)
+SMALL_OPTIONS = ["--team", "1A1G", "--missions", "2", "--size", "8", "--targets", "5"]
+FLIGHTS = [Flight(SMALL, name, seed) for seed in SMALL.seeds for name in ("nearest", "greedy")]
+
+
+def test_figures_are_the_same_for_any_number_of_workers() -> None:
+    assert fly_all(FLIGHTS, workers=2) == fly_all(FLIGHTS)
+
+
+def test_campaign_that_was_cut_off_goes_on_where_it_was(tmp_path: Path) -> None:
+    file = tmp_path / "results.jsonl"
+    fly_all(FLIGHTS[:3], results=file)
+    file.write_bytes(file.read_bytes()[:-10])  # the last line was being written
+    told: list[int] = []
+    figures = fly_all(FLIGHTS, results=file, progress=told.append)
+    assert told == [2, 3, 4]
+    assert figures == fly_all(FLIGHTS)
+    assert set(load_results(file)) == {flight.key for flight in FLIGHTS}
+
+
+def test_foreign_file_of_results_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("not a result\n")
+    with pytest.raises(ConfigError, match="not a file of results"):
+        fly_all(FLIGHTS, results=tmp_path / "notes.txt")
+
+
+def test_flights_under_other_conditions_have_other_keys() -> None:
+    lossy = Campaign(team="1A1G", size=8, targets=5, missions=2, seed=40, loss=0.1)
+    longer = Campaign(team="1A1G", size=8, targets=5, missions=9, seed=39)
+    assert Flight(lossy, "greedy", 40).key != FLIGHTS[1].key
+    assert Flight(longer, "greedy", 40).key == FLIGHTS[1].key
+
+
+def test_central_rule_hears_everybody_however_far_and_lossy() -> None:
+    deaf = Campaign(team="2A0G", size=15, targets=10, r_comm=0.0, loss=1.0)
+    hearing = Campaign(team="2A0G", size=15, targets=10)
+    assert fly_one(Flight(deaf, "central-greedy", 3)) == fly_one(Flight(hearing, "central-greedy", 3))
+
+
+def test_ratio_is_paired_by_mission() -> None:
+    steps = np.array([10.0, 20.0, 40.0, 80.0])
+    ratio = ratio_interval(steps * 0.5, steps)
+    assert (ratio.mean, ratio.lo, ratio.hi) == pytest.approx((0.5, 0.5, 0.5))
+
+
+def test_interval_of_a_mean_is_about_two_standard_errors_to_each_side() -> None:
+    values = np.random.default_rng(5).normal(10, 2, 400)
+    interval = mean_interval(values)
+    assert interval.mean == values.mean()
+    assert 0.16 < interval.hi - interval.mean < 0.23
+    assert 0.16 < interval.mean - interval.lo < 0.23
+
+
+def test_command_prints_figures_for_machines() -> None:
+    arguments = ["--allocators", "nearest,greedy", *SMALL_OPTIONS, "--json"]
+    result = CliRunner().invoke(command, arguments, catch_exceptions=False)
+    summary = json.loads(result.stdout)
+    assert list(summary) == ["nearest", "greedy"]
+    assert summary["greedy"]["ratio_to_greedy"] == {"mean": 1.0, "lo": 1.0, "hi": 1.0}
+    assert summary["nearest"]["steps_100"]["lo"] <= summary["nearest"]["steps_100"]["mean"]
+    assert summary["nearest"]["localized"] == 1.0
+
+
+def test_command_prints_a_table_for_people() -> None:
+    arguments = ["--allocators", "nearest", *SMALL_OPTIONS]
+    text = CliRunner().invoke(command, arguments, catch_exceptions=False).stdout
+    assert "100.0%" in text
+    assert text.splitlines()[-1].endswith("-")  # nothing to compare with
+
+
+def test_command_refuses_unknown_allocators_before_flying() -> None:
+    with pytest.raises(ConfigError, match="'best' is unknown"):
+        CliRunner().invoke(command, ["--allocators", "greedy,best"], catch_exceptions=False)
