@@ -213,7 +213,16 @@ def test_a_flood_of_forged_and_replayed_messages_changes_nothing_and_does_not_fi
         rig.run(0.2)
     assert rig.vehicle.commands[-1] == before
     assert len(rig.last.neighbors) == 1
-    assert len(rig.log.of("heard")) == 5 * 64
+    assert len(rig.log.of("heard")) == 5 * 16
+
+
+def test_all_counters_go_to_the_log_every_ten_seconds() -> None:
+    rig = Rig()
+    rig.run(25)
+    lines = [text for _, _, text, _ in rig.log.of("text") if text.startswith("counters ")]
+    assert len(lines) == 2
+    assert "budget_bytes_sent=" in lines[0]
+    assert "ticks=51" in lines[0]
 
 
 def test_observe_hear_decide_and_send_are_logged_in_the_order_in_which_the_agent_met_them() -> None:
