@@ -15,8 +15,8 @@ from gatar_edge.types import ByteGrid, Decision, GridSpec, Observation, VehicleC
 class RotatingLog:
     """A `daemon.Log` that goes on in a new file after `period_ns`; `gatar log merge` puts the files together.
 
-    `open_file(now_ns)` makes the next `Recorder`; where it raises LogError the log ends, and the robot goes on. `carry`,
-    once set, tells what the robot knows when a new file begins.
+    `open_file(now_ns)` makes the next `Recorder`; where it raises LogError the log ends, and the robot goes on.
+    `carry`, once set, tells what the robot knows when a new file begins.
     """
 
     carry: Callable[[], SavedState] | None = None
