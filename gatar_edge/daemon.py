@@ -38,6 +38,11 @@ STALL_NS = NS_PER_S  # after standing still for this long, what waits in the soc
 STOP_NS = 3 * NS_PER_S  # for the vehicle to confirm that it holds
 MAX_USELESS_LOGGED = 16  # a tick: heard datagrams without effect, so that a flood does not fill the disk
 COUNTERS_NS = 10 * NS_PER_S  # how often all counters go to the log
+_STRANGE = {
+    HearOutcome.FORGED: "message with a wrong signature: another team, another key, or an attack",
+    HearOutcome.FOREIGN_CONFIG: "neighbour with another [grid] or [team] configuration: not heard",
+    HearOutcome.VERSION: "neighbour with another version of the message: not heard",
+}
 _EFFECTIVE = (HearOutcome.ACCEPTED, HearOutcome.NEARER)
 
 
@@ -177,6 +182,8 @@ class Daemon:
             heard = self.agent.hear(data, now_ns)
             if heard.relay is not None:
                 relays.append(heard.relay)
+            if heard.outcome in _STRANGE:
+                self.journal.warning(_STRANGE[heard.outcome], now_ns)
             if self._ports.log is not None and self._worth_logging(heard.outcome):
                 self._ports.log.heard(self._robot_id, data, heard.outcome.value, now_ns)
         if relays:
