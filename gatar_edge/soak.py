@@ -58,11 +58,11 @@ class Surroundings:
             agent.observe(seen)
             self._crowd.append(agent)
 
-    def messages(self, now_ns: int) -> list[bytes]:
-        """What reaches robot 1 in one tick: each neighbour's message from itself and, passed on, from all others."""
+    def messages(self, now_ns: int, relays: int) -> list[bytes]:
+        """What reaches robot 1 in one tick: each neighbour's message from itself and `relays` times passed on."""
         own = [agent.beacon(now_ns) for agent in self._crowd]
         passed_on = [with_hops(message, 1, self._key) for message in own]
-        return own + passed_on * (len(own) - 1)
+        return own + passed_on * relays
 
     def observation(self, now_ns: int) -> bytes:
         """What robot 1 sees."""
@@ -81,7 +81,7 @@ class Surroundings:
                 vehicles.send(self.body.autopilot.take())
                 due = [bytes(119) + turn.to_bytes(8, "big")] * (flood_per_s // 20)
                 if turn % 4 == 0:
-                    due += self.messages(now_ns)
+                    due += self.messages(now_ns, relays=len(self._crowd) - 1)
                     sender.sendto(self.observation(now_ns), ("127.0.0.1", ports[1]))
                 for data in due:
                     sender.sendto(data, ("127.0.0.1", ports[0]))
@@ -152,7 +152,7 @@ class Soak:
         self.now_ns += TICK_NS
         self._wire.now_ns = self.now_ns
         self._surroundings.body.step(self.now_ns)
-        self._air.arrived += self._surroundings.messages(self.now_ns)
+        self._air.arrived += self._surroundings.messages(self.now_ns, relays=1)
         self._eyes.arrived.append(self._surroundings.observation(self.now_ns))
         self.daemon.step(self.now_ns)
 

@@ -25,7 +25,7 @@ SETTLE_S = 5.0
 @click.option("--neighbors", type=click.IntRange(0, 63), default=12, show_default=True, help="All hear each other.")
 @click.option("--seconds", type=click.FloatRange(1), default=20.0, show_default=True, help="Of measured load.")
 @click.option("--flood", type=click.IntRange(0), default=0, show_default=True, help="Forged datagrams a second.")
-@click.option("--hours", type=click.FloatRange(0), default=24.0, show_default=True, help="Simulated, for the growth.")
+@click.option("--hours", type=click.FloatRange(0), default=1.0, show_default=True, help="Simulated, for the growth.")
 @click.option("--json", "as_json", is_flag=True, help="Print for machines.")
 def command(allocator: str, neighbors: int, seconds: float, flood: int, hours: float, as_json: bool) -> None:
     """Run `gatar vehicle` as its own process with a simulated autopilot, and read its load from the system.
@@ -35,7 +35,8 @@ def command(allocator: str, neighbors: int, seconds: float, flood: int, hours: f
 
     \b
     Example:
-      gatar bench daemon --hours 1 --json
+      gatar bench daemon --json
+      gatar bench daemon --hours 24
     """
     figures: dict[str, Any] = measured_process(allocator, neighbors, seconds, flood)
     if hours:
