@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Protocol
 
 from gatar_edge.agent import Agent
+from gatar_edge.allocators.base import Negotiator
 from gatar_edge.bridge.driver import VehicleDriver
 from gatar_edge.bridge.link import Link, open_link
 from gatar_edge.daemon import POLL_NS, STOP_NS, Daemon, Ports, Settings
@@ -216,7 +217,9 @@ def _settings(config: VehicleConfig, *, dry_run: bool) -> Settings:
 
 
 def _make_agent(prepared: Prepared, journal: Journal, now_ns: int) -> Agent:
-    allocator = Punctual(prepared.allocator, prepared.config.loop.deadline_ms / 1000, ThreadRunner())
+    allocator = prepared.allocator
+    if not isinstance(allocator, Negotiator):  # one that talks is asked and told between ticks, and takes no time
+        allocator = Punctual(allocator, prepared.config.loop.deadline_ms / 1000, ThreadRunner())
     agent = Agent(prepared.identity, prepared.config.agent, allocator, prepared.key, prepared.seq)
     restored = prepared.restored
     journal.info("saved state", now_ns, outcome=restored.outcome.value, next_seq=prepared.seq)

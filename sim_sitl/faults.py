@@ -61,15 +61,18 @@ Receiver = TypeVar("Receiver")
 class Lane:
     """One direction of one link: decides when a datagram arrives, and how often."""
 
-    __slots__ = ("_faults", "_last_ns", "_rng")
+    __slots__ = ("_faults", "_flawless", "_last_ns", "_rng")
 
     def __init__(self, faults: LinkFaults, key: str) -> None:
         self._faults = faults
+        self._flawless = faults == LinkFaults()
         self._rng = random.Random(key)  # of its own: traffic elsewhere changes nothing here
         self._last_ns = 0
 
     def arrivals(self, now_ns: int) -> list[int]:
         """When a datagram sent now arrives: never, once or twice."""
+        if self._flawless:
+            return [now_ns]
         faults, rng = self._faults, self._rng
         # Always the same number of draws, so that one fault does not shift all later ones.
         lost, twice = rng.random() < faults.loss, rng.random() < faults.duplicate

@@ -51,5 +51,5 @@ def hears_all(name: str) -> bool:
 def _gatar(model: Path | None) -> Make:
     from gatar_edge.allocators.gatar import Gatar  # onnxruntime: 50 ms that no other rule needs
 
-    network = Gatar(model) if model is not None else Gatar()  # remembers nothing from decision to decision: one serves all robots
+    network = Gatar(model) if model is not None else Gatar()  # remembers nothing: one serves all robots
     return lambda: network
