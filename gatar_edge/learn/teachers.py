@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit, prange
+from numba import njit
 
 from gatar_edge.allocators.tours import Plan, Problem
 from gatar_edge.learn.compiled import compiled_tours
@@ -79,7 +79,7 @@ def routing_on_view(
     return cost
 
 
-@njit(parallel=True, nogil=True)
+@njit(cache=True, nogil=True)
 def routing_labels(
     beliefs: Array, lengths: Array, targets: Array, counts: Array, kinds: Array, speeds: Array, rounds: int, out: Array
 ) -> None:
@@ -88,7 +88,7 @@ def routing_labels(
     `counts` [B, 2] are the robots and targets of each view, the rest only fills up; `kinds` and `speeds` are
     [B, N].
     """
-    for b in prange(len(beliefs)):
+    for b in range(len(beliefs)):
         robots, count = counts[b, 0], counts[b, 1]
         out[b] = -1
         routing_on_view(
