@@ -57,7 +57,7 @@ class TeamSection(_Section, frozen=True, kw_only=True):
     hop_limit: Annotated[int, Meta(ge=1, le=8)] = 2
     max_age_s: _Positive = 3.0
     perception_max_age_s: _Positive = 3.0
-    keep_task: bool = True
+    keep_task: bool = False
     max_neighbors: Annotated[int, Meta(ge=1, le=63)] = 63
     max_candidates: Annotated[int, Meta(ge=1, le=1024)] = 64
 
