@@ -55,7 +55,8 @@ class Codec:
             return None
         read = _READERS.get(frame.get_msgId())
         source = (frame.get_srcSystem(), frame.get_srcComponent())
-        return Received(source, frame.get_msgId(), strip_signature(raw), read(frame) if read is not None else None)
+        message = read(frame) if read is not None else None
+        return Received(source, frame.get_seq(), frame.get_msgId(), strip_signature(raw), message)
 
 
 def strip_signature(frame: bytes) -> bytes:

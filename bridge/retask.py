@@ -97,6 +97,7 @@ class Retask:
         self._arrive_m, self._near_m = arrive_m, near_m
         self._progress = Progress(round(progress_s * NS_PER_S))
         self._points: Points = ()
+        self._points_before: Points = ()
         self._since_ns = self._sent_ns = self._uploaded_ns = 0
         self._starts = self._start_index = 0
         self._mode_was_other = False
@@ -104,7 +105,9 @@ class Retask:
 
     def drive(self, points: Points, now_ns: int) -> None:
         """Drive along (lat, lon) points."""
-        self._points, self._starts, self._start_index = points, 0, 0
+        # the mission before may come to its end while this one is on its way
+        self._points_before, self._points = self._points, points
+        self._starts = self._start_index = 0
         self._fire(Event.DRIVE, now_ns, Status.STARTING)
 
     def stop(self) -> None:
@@ -120,7 +123,8 @@ class Retask:
     def at_end(self, seen: Telemetry) -> bool:
         """Whether leaving the mission mode now is the vehicle's own doing."""
         complete = seen.current is not None and seen.current.state == COMPLETE
-        return complete or (bool(self._points) and seen.distance_m(self._points[-1]) <= self._near_m)
+        ends = (*self._points[-1:], *self._points_before[-1:])
+        return complete or any(seen.distance_m(end) <= self._near_m for end in ends)
 
     def poll(self, seen: Telemetry, now_ns: int) -> list[Message]:
         """Read the vehicle's answers, go on, and hand over messages to send now."""
@@ -200,7 +204,7 @@ class Retask:
         going = self._current_is_first(seen) and seen.echoes(self._points[self.index(seen)], self._sent_ns)
         there = seen.distance_m(self._points[-1]) <= self._arrive_m
         if going or there:
-            self._starts = 0
+            self._starts, self._points_before = 0, ()
             self._progress.start(self._remaining_m(seen), now_ns)
             self.modes.want(None)  # PX4 leaves it at the end; re-entered, it would start at the old index
             self._fire(Event.CONFIRMED, now_ns, Status.PURSUING)

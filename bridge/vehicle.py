@@ -20,8 +20,12 @@ from gatar_edge.bridge.telemetry import Telemetry
 from gatar_edge.bridge.wire import Address, Command, Message
 from gatar_edge.types import NS_PER_S, Goto, Hold, Mission, RobotKind
 
-HEARTBEAT_LOST_NS = 3 * NS_PER_S
+SILENT_NS = 3 * NS_PER_S  # nothing at all
+HEARTBEAT_LOST_NS = 6 * NS_PER_S  # three lost ones in a row are no rarity on a bad link
 WORST_LOGGED_SEVERITY = 4  # MAV_SEVERITY_WARNING
+REORDERED_NS = 2 * NS_PER_S  # a frame numbered before one this young was overtaken; later it is a rebooted vehicle's
+# these answer one by one and are matched by what they say; all others tell a state, of which only the newest counts
+TRANSFERS = (wire.MissionRequest, wire.MissionAck, wire.MissionCount, wire.MissionItemAt, wire.CommandAck)
 
 
 class Vehicle:
@@ -52,6 +56,8 @@ class Vehicle:
         self._rates = RateWatch(address, now_ns)
         self._by_mission = config.kind is RobotKind.UGV and config.drive == "mission"
         self._holding = False
+        self._heard_ns = now_ns
+        self._latest: dict[int, tuple[int, int]] = {}  # message id -> its latest frame's number and time
         self._told = (self.launch.phase, Status.IDLE)
 
     @property
@@ -62,8 +68,8 @@ class Vehicle:
         return self.retask.status if self._by_mission else self.guided.status
 
     def connected(self, now_ns: int) -> bool:
-        """Whether its heartbeat is fresh."""
-        return now_ns - self.seen.heartbeat_ns <= HEARTBEAT_LOST_NS
+        """Whether it is heard, and tells its mode."""
+        return now_ns - self._heard_ns <= SILENT_NS and now_ns - self.seen.heartbeat_ns <= HEARTBEAT_LOST_NS
 
     def ready(self, now_ns: int) -> bool:
         """Whether it obeys us."""
@@ -76,9 +82,10 @@ class Vehicle:
 
     def receive(self, frame: wire.Received, now_ns: int) -> None:
         """Take one frame of this autopilot."""
+        self._heard_ns = now_ns
         self._rates.count(frame.message_id)
         message = frame.message
-        if message is None:
+        if message is None or (not isinstance(message, TRANSFERS) and self._overtaken(frame, now_ns)):
             return
         self.seen.update(message, now_ns)
         if isinstance(message, wire.Heartbeat):
@@ -125,6 +132,14 @@ class Vehicle:
         self._tell_changes(now_ns)
         # the pilot wins: then we ask for telemetry and for nothing else
         return out if self.launch.phase is Phase.PILOT else out + commands
+
+    def _overtaken(self, frame: wire.Received, now_ns: int) -> bool:
+        """Whether a newer message of the kind came first: an old heartbeat must not look like the pilot's doing."""
+        seq, at_ns = self._latest.get(frame.message_id, (frame.seq, now_ns))
+        if (frame.seq - seq) % 256 > 128 and now_ns - at_ns < REORDERED_NS:
+            return True
+        self._latest[frame.message_id] = (frame.seq, now_ns)
+        return False
 
     def _hold(self, now_ns: int) -> None:
         self.retask.stop()

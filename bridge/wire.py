@@ -307,6 +307,7 @@ class Received:
     """One frame from the wire: who sent it, its bytes without a signature, and its meaning if it is one in use."""
 
     source: Address
+    seq: int
     message_id: int
     raw: bytes
     message: Message | None

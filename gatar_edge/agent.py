@@ -10,12 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gatar_edge.allocators.base import Allocation, Allocator
+from gatar_edge.allocators.base import Allocation, Allocator, Negotiator
 from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.belief import merged, nothing_known, observed, window_at, window_origin
 from gatar_edge.config import AgentConfig
 from gatar_edge.message import NeighborMessage, encode
-from gatar_edge.neighbors import Heard, NeighborTable
+from gatar_edge.neighbors import Heard, HearOutcome, NeighborTable
+from gatar_edge.talk import TALK, Talk
 from gatar_edge.tasks import Rules, Task, decide, to_command
 from gatar_edge.types import (
     NS_PER_S,
@@ -51,6 +52,7 @@ class Outbox:
     command: VehicleCommand
     message: bytes
     relays: tuple[bytes, ...]
+    talks: tuple[bytes, ...] = ()  # between allocators that talk
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +83,7 @@ class Agent:
             max_age_ns=int(config.max_age_s * NS_PER_S),
             max_neighbors=config.max_neighbors,
         )
+        self._talk = Talk(identity.robot_id, key, config.digest(), first_seq)
         self._key = key
         self._digest = config.digest()
         self._seq = first_seq
@@ -103,7 +106,8 @@ class Agent:
             self.observe(inbox.observation)
         relays = tuple(relay for data in inbox.datagrams if (relay := self.hear(data, now_ns).relay) is not None)
         decision = self.decide(now_ns)
-        return Outbox(decision, to_command(self.identity.kind, decision.assignment), self.beacon(now_ns), relays)
+        command = to_command(self.identity.kind, decision.assignment)
+        return Outbox(decision, command, self.beacon(now_ns), relays, self.negotiate(now_ns))
 
     def observe(self, observation: Observation) -> None:
         """Take in what the robot sees."""
@@ -112,6 +116,8 @@ class Agent:
 
     def hear(self, datagram: bytes, now_ns: int) -> Heard:
         """Take in bytes from the radio; the answer may hold a relay to send on. Never raises for what was sent."""
+        if datagram[:1] == bytes((TALK,)):
+            return Heard(self._listen(datagram, now_ns))
         heard = self.neighbors.hear(datagram, now_ns)
         if heard.message is not None:
             self.belief = merged(self.belief, heard.message.window_origin, heard.message.window)
@@ -141,6 +147,13 @@ class Agent:
         )
         self._seq += 1
         return encode(message, self._key)
+
+    def negotiate(self, now_ns: int) -> tuple[bytes, ...]:
+        """What the allocator has to tell its like in range, one datagram each; nothing where it does not talk."""
+        observation = self._observation
+        if not isinstance(self.allocator, Negotiator) or observation is None or not self._takes_part or self.shadow:
+            return ()
+        return tuple(self._talk.seal(payload) for payload in self.allocator.bid(self.view(now_ns, observation)))
 
     def decide(self, now_ns: int) -> Decision:
         """Choose what to do with what is known now."""
@@ -186,6 +199,14 @@ class Agent:
         ]
         view = build_view(now_ns, ego, others, self.belief, config.r_comm, config.hop_limit, config.max_candidates)
         return without(view, self.shunned) if self.shunned else view
+
+    def _listen(self, datagram: bytes, now_ns: int) -> HearOutcome:
+        """Hand the allocator what its like told."""
+        outcome, payload = self._talk.open(datagram)
+        if outcome is HearOutcome.TALK and isinstance(self.allocator, Negotiator):
+            self.allocator.heard(payload, now_ns)
+        self.neighbors.counters[outcome] += 1
+        return outcome
 
     def _on_grid(self, message: NeighborMessage) -> bool:
         """A neighbour that does not know its place yet, or claims to be elsewhere, takes no part in the allocation."""

@@ -33,8 +33,7 @@ class RadioWay(StrEnum):
     """What happened to a datagram at one robot."""
 
     HEARD = "heard"
-    SENT = "sent"  # own message
-    RELAYED = "relayed"  # another robot's message, passed on
+    SENT = "sent"
 
 
 class ObservationRecord(msgspec.Struct, frozen=True):
@@ -50,7 +49,7 @@ class ObservationRecord(msgspec.Struct, frozen=True):
 
 
 class RadioItem(msgspec.Struct, frozen=True, omit_defaults=True):
-    """One datagram. `data` is base64, left out where the content had no effect (duplicates, relays)."""
+    """One datagram that was sent, news, or refused. `data` is base64, left out of what was refused."""
 
     t_ns: int  # of arrival or departure, local clock
     way: RadioWay
@@ -68,10 +67,16 @@ class RadioItem(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class RadioRecord(msgspec.Struct, frozen=True):
-    """The datagrams of one robot since its last record, in the order in which its agent met them."""
+    """The datagrams of one robot since its last record, in the order in which its agent met them.
+
+    Those that have no effect on what a robot knows or says are only counted.
+    """
 
     robot_id: int
     items: list[RadioItem]
+    ignored: dict[str, int] = {}  # heard and ignored, by outcome: duplicates, own ones come back, too many hops
+    relayed: int = 0
+    relayed_bytes: int = 0
 
 
 class DecisionRecord(msgspec.Struct, frozen=True):
@@ -169,7 +174,7 @@ HEALTH = Channel("/run/health", _JSON, "gatar.Health", "5 s", "what the recorder
 OBSERVATION = Channel(
     "/robot/{id}/observation", _JSON, "gatar.Observation", "tick", "what the robot saw", ObservationRecord
 )
-RADIO = Channel("/robot/{id}/radio", _JSON, "gatar.Radio", "tick", "datagrams heard, sent, relayed", RadioRecord)
+RADIO = Channel("/robot/{id}/radio", _JSON, "gatar.Radio", "tick", "datagrams heard and sent", RadioRecord)
 DECISION = Channel(
     "/robot/{id}/decision", _JSON, "gatar.Decision", "tick", "what was decided, on what, and why", DecisionRecord
 )

@@ -43,7 +43,7 @@ _STRANGE = {
     HearOutcome.FOREIGN_CONFIG: "neighbour with another [grid] or [team] configuration: not heard",
     HearOutcome.VERSION: "neighbour with another version of the message: not heard",
 }
-_EFFECTIVE = (HearOutcome.ACCEPTED, HearOutcome.NEARER)
+_EFFECTIVE = (HearOutcome.ACCEPTED, HearOutcome.NEARER, HearOutcome.TALK)
 
 
 class Source(Protocol):
@@ -220,7 +220,7 @@ class Daemon:
         sent = wanted if self._settings.dry_run else vehicle.command(wanted, now_ns)
         self._account(decision, wanted, sent, now_ns)
         self._record(decision, wanted, sent, state, now_ns)
-        self._send((self.agent.beacon(now_ns),), (), now_ns)
+        self._send((self.agent.beacon(now_ns), *self.agent.negotiate(now_ns)), (), now_ns)
         if self._ports.saver is not None and now_ns >= self._save_due_ns:
             self._save_due_ns = now_ns + self._settings.save_ns
             self._ports.saver.save_soon(self.state())

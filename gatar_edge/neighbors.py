@@ -30,6 +30,7 @@ class HearOutcome(StrEnum):
     OWN = "own"  # ours, relayed or looped back
     FOREIGN_CONFIG = "foreign_config"  # of a robot whose configuration differs from ours
     TOO_FAR = "too_far"  # over more hops than the team's limit
+    TALK = "talk"  # no neighbour message: between allocators
     MALFORMED = "malformed"
     VERSION = "version"
     FORGED = "forged"

@@ -5,6 +5,8 @@ from __future__ import annotations
 import base64
 import struct
 import zlib
+from collections import Counter
+from dataclasses import dataclass, field
 from typing import Any
 
 from gatar_edge import channels as ch
@@ -15,6 +17,43 @@ from gatar_edge.persist import SavedState
 from gatar_edge.types import Cells, Goto, Hold, Mission, TaskKind, VehicleCommand
 
 EFFECTIVE = frozenset(("accepted", "nearer"))  # outcomes of a datagram that changed what a robot knows
+COMMONPLACE = frozenset(("duplicate", "own", "too_far"))  # outcomes that are only counted
+MAX_REFUSED = 20  # of one record: what a robot refuses must not fill its disk
+
+
+@dataclass(slots=True)
+class RadioBuffer:
+    """The datagrams of one robot that are not written yet."""
+
+    robot_id: int
+    items: list[ch.RadioItem] = field(default_factory=list)
+    ignored: Counter[str] = field(default_factory=Counter)
+    relayed: int = 0
+    relayed_bytes: int = 0
+    refused: int = 0
+
+    def heard(self, datagram: bytes, outcome: str, now_ns: int) -> None:
+        """One datagram that was heard, and what became of it."""
+        if outcome in EFFECTIVE:
+            self.items.append(radio_item(datagram, ch.RadioWay.HEARD, outcome, now_ns, keep=True))
+        elif outcome in COMMONPLACE or self.refused >= MAX_REFUSED:
+            self.ignored[outcome] += 1
+        else:
+            self.refused += 1
+            self.items.append(radio_item(datagram, ch.RadioWay.HEARD, outcome, now_ns, keep=False))
+
+    def sent(self, datagram: bytes, now_ns: int) -> None:
+        """One datagram that was sent: own, or another robot's passed on."""
+        item = radio_item(datagram, ch.RadioWay.SENT, "", now_ns, keep=True)
+        if item.author == self.robot_id:
+            self.items.append(item)
+        else:
+            self.relayed += 1
+            self.relayed_bytes += len(datagram)
+
+    def record(self) -> ch.RadioRecord:
+        """As the log holds it."""
+        return ch.RadioRecord(self.robot_id, self.items, dict(self.ignored), self.relayed, self.relayed_bytes)
 
 
 def command_record(command: VehicleCommand) -> dict[str, Any]:

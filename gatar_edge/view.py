@@ -77,6 +77,17 @@ def hop_counts(robots: Sequence[RobotState], r_comm: float, hop_limit: int) -> H
     return hops
 
 
+def target_legs(view: View, kind: RobotKind) -> npt.NDArray[np.float64]:
+    """Cells from target to target for a robot of `kind`: float64 [M, M], inf where there is no way."""
+    free = passable(kind, view.belief)
+    legs = np.full((len(view.targets), len(view.targets)), np.inf)
+    x, y = view.targets[:, 0], view.targets[:, 1]
+    for index, (here_x, here_y) in enumerate(view.targets.tolist()):
+        lengths = path_lengths(kind, (here_x, here_y), free)[x, y]
+        legs[index] = np.where(lengths == UNREACHABLE, np.inf, lengths)
+    return legs
+
+
 def travel_times(view: View) -> npt.NDArray[np.float64]:
     """Seconds from each robot to each target: float64 [N, M], inf where unreachable."""
     speeds = np.array([robot.speed_cells_s for robot in view.robots])

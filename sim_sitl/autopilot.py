@@ -10,6 +10,7 @@ from gatar_edge.sim_sitl.ardupilot import ArduPilot
 from gatar_edge.sim_sitl.autopilot_config import AutopilotConfig, Truth
 from gatar_edge.sim_sitl.core import Core
 from gatar_edge.sim_sitl.failsafe import GroundStationWatch
+from gatar_edge.sim_sitl.mission_items import Item
 from gatar_edge.sim_sitl.orders import Order, Result, acknowledge, order_from
 from gatar_edge.sim_sitl.px4 import Px4
 from gatar_edge.sim_sitl.stack import Stack
@@ -59,6 +60,11 @@ class SimAutopilot:
         return self._core.body.east_m, self._core.body.north_m
 
     @property
+    def mission(self) -> tuple[Item, ...]:
+        """What is really stored on board, slot 0 of ArduPilot as it was uploaded."""
+        return tuple(self._core.server.items)
+
+    @property
     def rejected_frames(self) -> int:
         """How much of what was received was no message."""
         return self._wire.rejected
@@ -99,10 +105,12 @@ class SimAutopilot:
     def reboot(self, now_ns: int) -> None:
         """Power off and on: parameters and mission stay, everything else starts anew."""
         old = self._core
+        old.disarm()  # a copter in the air falls
         self._boot(now_ns)
-        self._core.params, self._core.server.items = old.params, old.server.items
-        self._core.body = old.body
-        self._core.disarm()
+        core = self._core
+        core.params, core.server.items, core.body = old.params, old.server.items, old.body
+        for index in range(len(core.params)):
+            self._stack.parameter_changed(core, core.params.name_of(index) or "")
 
     def _boot(self, now_ns: int) -> None:
         self._stack = make_stack(self.config)

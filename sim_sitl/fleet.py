@@ -230,7 +230,8 @@ class Fleet:
             if self.log is not None:
                 decision = dataclasses.replace(out.decision, latency_ns=latency_ns)
                 self._record(robot, seen, decision, (out.command, sent), now_ns)
-            self._send(robot, out.message, positions, now_ns)
+            for datagram in (out.message, *out.talks):
+                self._send(robot, datagram, positions, now_ns)
         self.tally.decided_together(decisions)
         if self.log is not None:
             self.log.truth_positions(((robot.robot_id, *robot.body.xy) for robot in self.robots), now_ns)

@@ -30,6 +30,7 @@ class GridMission:
     config: AgentConfig
     radio: LinkFaults = field(default_factory=LinkFaults)
     max_steps: int = 500
+    rounds: int = 3  # of messages between allocators that talk, in each step
 
 
 def fly(mission: GridMission, allocator: Callable[[], Allocator]) -> Result:
@@ -45,7 +46,7 @@ def fly(mission: GridMission, allocator: Callable[[], Allocator]) -> Result:
     step = 0
     while tally.left and step < mission.max_steps:
         now_ns = step * STEP_NS
-        exchange(agents, radio, cells, world, mission.config, now_ns, tally)
+        exchange(agents, radio, cells, mission, now_ns, tally)
         decisions = [_decide(agent, now_ns, tally) for agent in agents]
         tally.decided_together(decisions)
         step += 1
@@ -58,23 +59,32 @@ def fly(mission: GridMission, allocator: Callable[[], Allocator]) -> Result:
 
 
 def exchange(
-    agents: list[Agent], radio: Radio, cells: list[Cell], world: World, config: AgentConfig, now_ns: int, tally: Tally
+    agents: list[Agent], radio: Radio, cells: list[Cell], mission: GridMission, now_ns: int, tally: Tally
 ) -> None:
-    """Everybody looks and tells; what is heard is passed on at once."""
+    """Everybody looks and tells; what is heard is passed on at once. Then allocators that talk have their rounds."""
     positions = {agent.identity.robot_id: cell for agent, cell in zip(agents, cells, strict=True)}
     by_id = {agent.identity.robot_id: agent for agent in agents}
-    for agent in agents:
-        robot_id = agent.identity.robot_id
-        agent.observe(observe(world, robot_id, positions[robot_id], config.r_sense, now_ns))
-        message = agent.beacon(now_ns)
-        tally.sent(message)
-        radio.send(now_ns, robot_id, message, positions)
-    while deliveries := radio.deliver(now_ns):
-        for receiver, datagram in deliveries:
-            relay = by_id[receiver].hear(datagram, now_ns).relay
-            if relay is not None:
-                tally.sent(relay)
-                radio.send(now_ns, receiver, relay, positions)
+
+    def send(sender: int, datagram: bytes) -> None:
+        tally.sent(datagram)
+        radio.send(now_ns, sender, datagram, positions)
+
+    def deliver() -> None:
+        while deliveries := radio.deliver(now_ns):
+            for receiver, datagram in deliveries:
+                relay = by_id[receiver].hear(datagram, now_ns).relay
+                if relay is not None:
+                    send(receiver, relay)
+
+    for robot_id, agent in by_id.items():
+        agent.observe(observe(mission.world, robot_id, positions[robot_id], mission.config.r_sense, now_ns))
+        send(robot_id, agent.beacon(now_ns))
+    deliver()
+    for _ in range(mission.rounds):
+        talks = [(robot_id, datagram) for robot_id, agent in by_id.items() for datagram in agent.negotiate(now_ns)]
+        for robot_id, datagram in talks:
+            send(robot_id, datagram)
+        deliver()
 
 
 def next_cell(decision: Decision, world: World) -> Cell:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +34,17 @@ class Allocator(Protocol):
 
     def allocate(self, view: View) -> Allocation:
         """Propose a target for every robot of the view. Must be deterministic."""
+
+
+@runtime_checkable
+class Negotiator(Allocator, Protocol):
+    """An allocator that talks to its like on the robots in range; one instance a robot."""
+
+    def bid(self, view: View) -> tuple[bytes, ...]:
+        """What to tell them now: payloads for `talk`, each to be understood without the others."""
+
+    def heard(self, payload: bytes, now_ns: int) -> None:
+        """Take in what one of them told. Never raises for what was sent."""
 
 
 def scores_of(times: npt.NDArray[np.float64]) -> Floats:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from gatar_edge.allocators.base import Allocator
+from gatar_edge.allocators.cbba import Cbba
 from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.allocators.hungarian import Hungarian
 from gatar_edge.allocators.nearest import Nearest
@@ -15,7 +16,7 @@ from gatar_edge.errors import ConfigError
 
 Make = Callable[[], Allocator]  # one for each robot: an allocator may remember
 
-NAMES = ("gatar", "nearest", "random", "greedy", "routing", "hungarian")
+NAMES = ("gatar", "nearest", "random", "greedy", "routing", "hungarian", "cbba")
 CENTRAL = "central-"  # the same rule where every robot hears all others: a bound, not a rival
 BOUNDS = tuple(CENTRAL + rule for rule in ("greedy", "hungarian", "routing"))
 
@@ -31,6 +32,7 @@ def make(name: str, planner: Planner | None = None) -> Make:
         "random": Random,
         "greedy": Greedy,
         "hungarian": Hungarian,
+        "cbba": Cbba,
         "routing": lambda: Routing(planner),
     }
     if rule in simple:

@@ -13,9 +13,9 @@ import numpy.typing as npt
 from gatar_edge.allocators import tours
 from gatar_edge.allocators.base import NO_TARGET, Allocation, in_id_order, scores_of
 from gatar_edge.allocators.tours import Plan, Problem
-from gatar_edge.grid import UNREACHABLE, passable, path_lengths
+from gatar_edge.grid import UNREACHABLE
 from gatar_edge.types import RobotKind
-from gatar_edge.view import View, travel_times
+from gatar_edge.view import View, target_legs, travel_times
 
 Tours = list[list[int]]
 Planner = Callable[[Problem, int], Tours]  # a problem of arrays, rounds of search -> targets of each robot in order
@@ -55,14 +55,9 @@ def problem_of(view: View) -> Problem:
 
 def legs_between(view: View) -> npt.NDArray[np.float64]:
     """Cells from target to target by kind of robot: float64 [2, M, M], inf where there is no way or no such robot."""
-    count = len(view.targets)
-    legs = np.full((len(RobotKind), count, count), np.inf)
-    x, y = view.targets[:, 0], view.targets[:, 1]
+    legs = np.full((len(RobotKind), len(view.targets), len(view.targets)), np.inf)
     for kind in {robot.kind for robot in view.robots}:
-        free = passable(kind, view.belief)
-        for index in range(count):
-            lengths = path_lengths(kind, (int(x[index]), int(y[index])), free)[x, y]
-            legs[kind, index] = np.where(lengths == UNREACHABLE, np.inf, lengths)
+        legs[kind] = target_legs(view, kind)
     return legs
 
 

@@ -55,8 +55,8 @@ def command(
     """Fly the same missions with every allocator, and compare steps and times.
 
     Intervals hold 95 % by bootstrap over missions; `ratio_to_greedy` compares steps to 100 % mission by mission. Seeds
-    below 1000000 are for tests, the next million is for choosing settings. A file of --results belongs to one version of
-    the program and its models.
+    below 1000000 are for tests, the next million is for choosing settings. A file of --results belongs to one version
+    of the program and its models.
 
     \b
     Examples:
@@ -124,8 +124,9 @@ def table(campaign: Campaign, summary: dict[str, dict[str, Any]]) -> str:
     """The summary for people."""
     place = f"{campaign.window}-cell windows of {campaign.map_file}" if campaign.map_file else f"size {campaign.size}"
     lines = [
-        f"{campaign.missions} missions of {campaign.team}, seeds {campaign.seed}.., {place}; r_sense {campaign.r_sense:g}, "
-        f"r_comm {campaign.r_comm:g}, loss {campaign.loss:g}, delay {campaign.delay_ticks}; 95 % intervals",
+        f"{campaign.missions} missions of {campaign.team}, seeds {campaign.seed}.., {place}",
+        f"r_sense {campaign.r_sense:g}, r_comm {campaign.r_comm:g}, loss {campaign.loss:g}, "
+        f"delay {campaign.delay_ticks}; 95 % intervals",
         f"{'allocator':<20}{'steps to 100 %':<22}{'to 90 %':<22}{'mean time':<22}{'localized':<11}against greedy",
     ]
     for name, row in summary.items():

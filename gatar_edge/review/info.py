@@ -62,6 +62,9 @@ class RadioBriefs(msgspec.Struct):
 
     robot_id: int
     items: list[RadioBrief]
+    ignored: dict[str, int] = {}
+    relayed: int = 0
+    relayed_bytes: int = 0
 
 
 @dataclass(slots=True)
@@ -191,7 +194,11 @@ def _on_decision(figures: Figures, entry: Entry) -> None:
 
 def _on_radio(figures: Figures, entry: Entry) -> None:
     robot = figures.robots[entry.robot_id]
-    for item in _radio(entry.data).items:
+    record: RadioBriefs = _radio(entry.data)
+    robot.heard.update(record.ignored)
+    robot.messages += record.relayed
+    robot.message_bytes += record.relayed_bytes
+    for item in record.items:
         if item.way == ch.RadioWay.HEARD.value:
             robot.heard[item.outcome] += 1
             if item.outcome == "accepted":

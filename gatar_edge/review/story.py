@@ -16,7 +16,7 @@ import numpy as np
 from gatar_edge import channels as ch
 from gatar_edge import foxglove
 from gatar_edge.review.explain import Json, explain
-from gatar_edge.review.info import Figures, read_figures
+from gatar_edge.review.info import Figures, RadioBriefs, read_figures
 from gatar_edge.review.reader import Entry, LogReader, decoder, json_object
 from gatar_edge.review.summary import summarize
 from gatar_edge.types import ByteGrid, CellState
@@ -28,6 +28,7 @@ BUCKETS = 300  # points of a chart
 NS_PER_MS = 1_000_000
 
 _positions = decoder(ch.PositionsRecord)
+_radio = decoder(RadioBriefs)
 
 
 @dataclass(slots=True)
@@ -193,13 +194,13 @@ def _on_visit(story: Story, entry: Entry, t: int) -> None:
 
 
 def _on_radio(story: Story, entry: Entry, t: int) -> None:
-    sent = [item.get("size", 0) for item in json_object(entry.data)["items"] if item["way"] != ch.RadioWay.HEARD.value]
-    if not story.radio or t - story.radio[-1][0] > (story.figures.last_ns - story.start_ns) // NS_PER_MS // (
-        2 * BUCKETS
-    ):
+    record: RadioBriefs = _radio(entry.data)
+    sent = [item.size for item in record.items if item.way == ch.RadioWay.SENT.value]
+    span_ms = (story.figures.last_ns - story.start_ns) // NS_PER_MS
+    if not story.radio or t - story.radio[-1][0] > span_ms // (2 * BUCKETS):
         story.radio.append([t, 0, 0])
-    story.radio[-1][1] += len(sent)
-    story.radio[-1][2] += sum(sent)
+    story.radio[-1][1] += len(sent) + record.relayed
+    story.radio[-1][2] += sum(sent) + record.relayed_bytes
 
 
 def _on_fault(story: Story, entry: Entry, t: int) -> None:

@@ -15,6 +15,7 @@ from gatar_edge.errors import ConfigError
 from gatar_edge.learn.statistics import mean_interval, ratio_interval
 
 SMALL = Campaign(team="1A1G", size=8, targets=5, missions=2, seed=40)
+SMALL_OPTIONS = ["--team", "1A1G", "--missions", "2", "--size", "8", "--targets", "5"]
 FLIGHTS = [Flight(SMALL, name, seed) for seed in SMALL.seeds for name in ("nearest", "greedy")]
 
 
@@ -67,19 +68,7 @@ def test_interval_of_a_mean_is_about_two_standard_errors_to_each_side() -> None:
 
 
 def test_command_prints_figures_for_machines() -> None:
-    arguments = [
-        "--allocators",
-        "nearest,greedy",
-        "--team",
-        "1A1G",
-        "--missions",
-        "2",
-        "--size",
-        "8",
-        "--targets",
-        "5",
-        "--json",
-    ]
+    arguments = ["--allocators", "nearest,greedy", *SMALL_OPTIONS, "--json"]
     result = CliRunner().invoke(command, arguments, catch_exceptions=False)
     summary = json.loads(result.stdout)
     assert list(summary) == ["nearest", "greedy"]
@@ -89,7 +78,7 @@ def test_command_prints_figures_for_machines() -> None:
 
 
 def test_command_prints_a_table_for_people() -> None:
-    arguments = ["--allocators", "nearest", "--team", "1A1G", "--missions", "1", "--size", "8", "--targets", "5"]
+    arguments = ["--allocators", "nearest", *SMALL_OPTIONS]
     text = CliRunner().invoke(command, arguments, catch_exceptions=False).stdout
     assert "100.0%" in text
     assert text.splitlines()[-1].endswith("-")  # nothing to compare with

@@ -46,7 +46,7 @@ def test_no_rule_sends_a_robot_where_it_cannot_go(rule: str, seed: int) -> None:
     assert all(view.lengths[row, choice] != UNREACHABLE for row, choice in enumerate(choices) if choice != NO_TARGET)
 
 
-@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("rule", [rule for rule in RULES if rule != "cbba"])  # which agrees by talking, not by seeing
 def test_every_rule_gives_the_team_the_same_plan_whoever_asks(rule: str) -> None:
     plans = []
     for ego in range(6):

@@ -1,0 +1,42 @@
+"""States on which a model and its network are compared: any number of robots and candidates, any connection."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gatar_edge.features import Inputs, arrays_of, features_of
+from gatar_edge.grid import passable, path_lengths
+from gatar_edge.sim_sitl.world import random_obstacles
+from gatar_edge.types import CellState, RobotKind, RobotState
+from gatar_edge.view import View, hop_counts
+
+SIZE = 20  # cells a side: larger than the window, so that candidates lie outside it too
+ISOLATED, CONNECTED = 0.0, 1000.0  # r_comm
+
+
+def random_view(robots: int, candidates: int, seed: int, r_comm: float) -> View:
+    """A view of a partly known random world, with exactly so many robots and candidates."""
+    rng = np.random.default_rng([seed, robots, candidates])
+    obstacles = random_obstacles(SIZE, SIZE, rng)
+    belief = np.where(obstacles, CellState.OBSTACLE, CellState.FREE).astype(np.uint8)
+    belief[rng.random(belief.shape) < 0.3] = CellState.UNKNOWN
+    places = rng.permutation(SIZE * SIZE)[: robots + candidates]
+    cells = np.stack([places // SIZE, places % SIZE], axis=1)
+    targets = cells[robots:]
+    targets = targets[np.lexsort((targets[:, 1], targets[:, 0]))]
+    belief[targets[:, 0], targets[:, 1]] = CellState.TARGET
+    ids = rng.permutation(robots) + 1
+    ids[1:] = np.sort(ids[1:])
+    team = tuple(
+        RobotState(int(ids[n]), RobotKind(int(rng.integers(2))), (int(cells[n, 0]), int(cells[n, 1])), 1.0)
+        for n in range(robots)
+    )
+    distances = np.stack([path_lengths(robot.kind, robot.cell, passable(robot.kind, belief)) for robot in team])
+    lengths = distances[:, targets[:, 0], targets[:, 1]]
+    hops = hop_counts(team, r_comm, 2)
+    return View(0, team, hops, belief, targets.astype(np.int16), distances, lengths)
+
+
+def random_state(robots: int, candidates: int, seed: int, r_comm: float) -> Inputs:
+    """Input of a network for `random_view`."""
+    return features_of(arrays_of(random_view(robots, candidates, seed, r_comm)))

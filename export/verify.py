@@ -1,0 +1,165 @@
+"""Proof that an ONNX file equals its network: names, axes, shapes, values, decisions, in this order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import torch
+from safetensors.torch import load_file
+
+from gatar_edge.allocators.base import in_id_order
+from gatar_edge.allocators.gatar import can_explore, decode
+from gatar_edge.errors import GatarError, ModelError
+from gatar_edge.export.spec import DYNAMIC, TOLERANCE, SingleView
+from gatar_edge.export.states import CONNECTED, ISOLATED, random_view
+from gatar_edge.features import features
+from gatar_edge.grid import UNREACHABLE
+from gatar_edge.learn.networks import build
+from gatar_edge.manifest import MAX_CANDIDATES, MAX_ROBOTS, OUTPUTS
+from gatar_edge.policy import Policy, PolicyOutput
+from gatar_edge.view import View
+
+MOST_IR, OPSETS = 10, range(17, 21)
+RANGES = (ISOLATED, 6.0, CONNECTED)
+CANDIDATES = (0, 1, 2, 7, 30, 64)
+HEAVY = 400  # robots x candidates from which one range, and each number of candidates in turn, is enough
+
+
+class ProofError(GatarError):
+    """The file and its network differ."""
+
+
+class NameMismatchError(ProofError):
+    """Names of inputs or outputs."""
+
+
+class AxisMismatchError(ProofError):
+    """An axis that must be free is fixed, or the file is of a format that the robot may not read."""
+
+
+class ShapeMismatchError(ProofError):
+    """Shapes of outputs."""
+
+
+class ValueMismatchError(ProofError):
+    """Numbers."""
+
+
+class DecisionMismatchError(ProofError):
+    """Chosen targets."""
+
+
+@dataclass(frozen=True, slots=True)
+class Proof:
+    """What was compared, and the largest difference seen."""
+
+    model: str
+    ok: bool
+    states: int
+    decisions: int
+    max_difference: float
+    tolerance: float
+    robots: tuple[int, int]
+    candidates: tuple[int, int]
+    error: str = ""
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return asdict(self)
+
+
+def verify(path: Path, progress: Callable[[float, str], None] = lambda share, text: None) -> Proof:
+    """Compare the file with the network whose weights lie beside it. A difference is told by the proof.
+
+    Raises ModelError where file or weights cannot be read at all.
+    """
+    torch.set_num_threads(1)  # tiny matrices: more threads only wait for each other
+    policy = Policy(path)
+    network = _network(path, policy)
+    states = decisions = 0
+    worst = 0.0
+    error = ""
+    try:
+        _check_graph(path, policy)
+        every = list(_sizes())
+        for index, (robots, candidates, r_comm) in enumerate(every):
+            view = random_view(robots, candidates, index, r_comm)
+            worst = max(worst, _compare(policy, network, view))
+            states, decisions = states + 1, decisions + robots
+            progress((index + 1) / len(every), f"{states} states, largest difference {worst:.1e}")
+    except ProofError as found:
+        error = f"{type(found).__name__}: {found}"
+    return Proof(
+        path.name, not error, states, decisions, worst, TOLERANCE, (1, MAX_ROBOTS), (0, max(CANDIDATES)), error
+    )
+
+
+def _sizes() -> Iterator[tuple[int, int, float]]:
+    """Every number of robots with several of candidates, and the reverse, isolated to connected."""
+    for robots in range(1, MAX_ROBOTS + 1):
+        for index, candidates in enumerate(CANDIDATES):
+            if robots * candidates <= HEAVY:
+                yield from ((robots, candidates, r_comm) for r_comm in RANGES)
+            elif robots % len(CANDIDATES) == index:
+                yield robots, candidates, RANGES[robots % len(RANGES)]
+    for candidates in range(MAX_CANDIDATES + 1):
+        yield 4, candidates, RANGES[candidates % len(RANGES)]
+
+
+def _network(path: Path, policy: Policy) -> SingleView:
+    weights = path.with_suffix(".safetensors")
+    fields = policy.manifest.fields
+    network = build(fields["network"], fields["settings"])
+    try:
+        network.load_state_dict(load_file(weights))
+    except (OSError, RuntimeError, ValueError) as error:
+        raise ModelError(f"cannot read the weights {weights}: {' '.join(str(error).split())[:200]}") from None
+    return SingleView(network).eval()
+
+
+def _check_graph(path: Path, policy: Policy) -> None:
+    """Names and free axes, and the format that an older onnxruntime must still read."""
+    model = onnx.load(path)
+    names = [value.name for value in model.graph.output]
+    if names != list(OUTPUTS):
+        raise NameMismatchError(f"outputs {names}, expected {list(OUTPUTS)}")
+    for value in model.graph.input:
+        axes = policy.manifest.fields["inputs"][value.name]["axes"]
+        for axis, dim in zip(axes, value.type.tensor_type.shape.dim, strict=True):
+            if (axis in DYNAMIC) != bool(dim.dim_param):
+                raise AxisMismatchError(f"input {value.name}, axis {axis}: {dim.dim_param or dim.dim_value}")
+    opset = max(entry.version for entry in model.opset_import if entry.domain in ("", "ai.onnx"))
+    if model.ir_version > MOST_IR or opset not in OPSETS:
+        raise AxisMismatchError(f"IR {model.ir_version}, opset {opset}: at most IR {MOST_IR}, opset 17 to 20")
+
+
+def _compare(policy: Policy, network: SingleView, view: View) -> float:
+    inputs = features(view)
+    ours = policy.run(inputs)
+    with torch.inference_mode():
+        tensors = (torch.from_numpy(np.ascontiguousarray(inputs[name])) for name in network.inputs)
+        theirs = PolicyOutput(*(output.numpy() for output in network(*tensors)))
+    where = f"{len(view.robots)} robots, {len(view.targets)} candidates"
+    worst = 0.0
+    for name in OUTPUTS:
+        left, right = getattr(ours, name), getattr(theirs, name)
+        if left.shape != right.shape:
+            raise ShapeMismatchError(f"{name} with {where}: {left.shape} in the file, {right.shape} in torch")
+        gap = float(np.abs(left - right).max(initial=0.0))
+        if gap > TOLERANCE:
+            raise ValueMismatchError(f"{name} with {where}: differs by {gap:.2e}, tolerance {TOLERANCE:.0e}")
+        worst = max(worst, gap)
+    chosen, expected = _decide(view, ours), _decide(view, theirs)
+    if not np.array_equal(chosen, expected):
+        raise DecisionMismatchError(f"{where}: {chosen.tolist()} from the file, {expected.tolist()} from torch")
+    return worst
+
+
+def _decide(view: View, output: PolicyOutput) -> np.ndarray[Any, np.dtype[np.int32]]:
+    scores = output.scores[:, [*range(len(view.targets)), -1]]
+    return decode(scores, view.lengths != UNREACHABLE, in_id_order(view), can_explore(view))

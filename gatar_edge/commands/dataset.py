@@ -1,0 +1,49 @@
+"""`gatar dataset`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from gatar_edge.commands._learn import bar, need
+
+
+@click.command("dataset")
+@click.option(
+    "--team", "teams", multiple=True, default=("6A6G",), show_default=True, help="May be given several times."
+)
+@click.option(
+    "--size", "sizes", multiple=True, type=int, default=(15,), show_default=True, help="Cells a side of a world."
+)
+@click.option(
+    "--r-comm", "r_comms", multiple=True, type=float, default=(6.0,), show_default=True, help="Drawn per episode."
+)
+@click.option(
+    "--r-sense", "r_senses", multiple=True, type=float, default=(4.0,), show_default=True, help="As --r-comm."
+)
+@click.option("--samples", type=int, default=1_500_000, show_default=True, help="Robot-steps, at least.")
+@click.option("--seed", type=int, default=0, show_default=True)
+@click.option(
+    "--workers", type=click.IntRange(1, 256), default=1, show_default=True, help="Processes; changes nothing else."
+)
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True)
+def command(
+    teams: tuple[str, ...], sizes: tuple[int, ...], r_comms: tuple[float, ...], r_senses: tuple[float, ...], samples: int,
+    seed: int, workers: int, out: Path,
+) -> None:  # fmt: skip
+    """Make training data: episodes labelled by the central greedy expert.
+
+    Goes on where an earlier call with the same options was cut off. Worlds come from the training seeds only.
+
+    \b
+    Example:
+      gatar dataset --team 6A6G --team 3A3G --r-comm 6 --r-comm 3 --samples 300000 --out data/greedy
+    """
+    need("gatar dataset", "numba")
+    from gatar_edge.learn.dataset import DataOptions, generate
+
+    options = DataOptions(teams, sizes, r_comms, samples, seed, r_senses)
+    with bar("dataset", "robot-steps") as show:
+        manifest = generate(options, out, workers, lambda done, of: show(done / of, f"{done:,}"))
+    click.echo(f"{manifest['samples']:,} robot-steps in {len(manifest['shards'])} shards: {out}")

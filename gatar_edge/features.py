@@ -1,0 +1,280 @@
+"""Heterogeneity-aware input of the network: one implementation for training and for the robot.
+
+Written over arrays with any leading batch axes `...`, so that one view and a batch of views are the same code. Nothing
+here is an absolute coordinate: windows and offsets are relative to a robot, so that the size of the world is free.
+
+| name    | axes            | what                                                                         |
+|---------|-----------------|------------------------------------------------------------------------------|
+| maps    | N channel wx wy | `CHANNELS` of the paper round each robot (section III-A, eq. 5 and 6)        |
+| robots  | N F             | `ROBOT_FEATURES`                                                             |
+| pairs   | N M P           | `PAIR_FEATURES` of each robot and each candidate                             |
+| cells   | N M             | index of the candidate's cell in the robot's window, 0 where it lies outside |
+| valid   | N M             | 1 where the candidate exists and the robot can reach it                      |
+| offsets | M xy            | candidate's cell minus ego's cell                                            |
+| hops    | N N             | hop count, 0 on the diagonal, -1 beyond the graph                            |
+
+N is at least 1 (ego is row 0); M is padded to at least 1 with `valid` 0, because ONNX operators differ on empty axes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from gatar_edge.grid import UNREACHABLE
+from gatar_edge.types import CellState, Floats, RobotKind
+from gatar_edge.view import View
+
+FEATURES_VERSION = 1
+WINDOW = 15  # cells a side, the robot in the middle
+SIGMA = 1.0  # of the Gaussian target map, cells
+EPSILON = 1.0  # of the reward map, cells: with 1, the reward of the own cell is the speed
+CHANNELS = ("reward", "gaussian_target", "obstacle", "product")
+ROBOT_FEATURES = ("ugv", "speed", "rank", "hops", "ego", "busy", "degree", "unknown", "age")
+PAIR_FEATURES = (
+    "time",
+    "reward",
+    "reachable",
+    "ugv",
+    "unknown",
+    "robot_rank",
+    "target_rank",
+    "task",
+    "inside",
+    "dx",
+    "dy",
+)
+AXES: dict[str, tuple[str, ...]] = {
+    "maps": ("N", "channel", "wx", "wy"),
+    "robots": ("N", "F"),
+    "pairs": ("N", "M", "P"),
+    "cells": ("N", "M"),
+    "valid": ("N", "M"),
+    "offsets": ("M", "xy"),
+    "hops": ("N", "N"),
+}
+SIZES = {
+    "channel": len(CHANNELS),
+    "wx": WINDOW,
+    "wy": WINDOW,
+    "F": len(ROBOT_FEATURES),
+    "P": len(PAIR_FEATURES),
+    "xy": 2,
+}
+
+TIME_SCALE_S = 10.0
+LENGTH_SCALE_CELLS = 10.0
+RANK_SCALE = 16.0
+TARGET_RANK_SCALE = 32.0
+AGE_SCALE_S = 3.0
+UNKNOWN_REACH = 2  # half side of the square round a target in which unknown cells are counted
+
+_SPAN = np.arange(-(WINDOW // 2), WINDOW // 2 + 1)
+
+Array = npt.NDArray[np.generic]
+Ints = npt.NDArray[np.int64]
+Bools = npt.NDArray[np.bool_]
+Inputs = dict[str, Array]
+
+
+@dataclass(frozen=True, slots=True)
+class ViewArrays:
+    """A view, or a batch of views, as arrays; rows that only fill up a batch are marked by `present` and `listed`."""
+
+    belief: npt.NDArray[np.uint8]  # [..., W, H]
+    distances: npt.NDArray[np.int32]  # [..., N, W, H], -1 unreachable
+    robots: Ints  # [..., N, 2], cells, ego first
+    kinds: Ints  # [..., N]
+    speeds: Floats  # [..., N], cells/s
+    ids: Ints  # [..., N]
+    tasks: Ints  # [..., N, 2], claimed target or (-1, -1)
+    ages_s: Floats  # [..., N]
+    present: Bools  # [..., N]
+    hops: Ints  # [..., N, N]
+    targets: Ints  # [..., M, 2], sorted by x, then y
+    listed: Bools  # [..., M]
+
+
+def arrays_of(view: View) -> ViewArrays:
+    """The arrays of one view, M padded to at least 1."""
+    robots = view.robots
+    count = len(view.targets)
+    return ViewArrays(
+        belief=view.belief,
+        distances=view.distances,
+        robots=np.array([robot.cell for robot in robots], dtype=np.int64),
+        kinds=np.array([robot.kind for robot in robots], dtype=np.int64),
+        speeds=np.array([robot.speed_cells_s for robot in robots], dtype=np.float32),
+        ids=np.array([robot.robot_id for robot in robots], dtype=np.int64),
+        tasks=np.array([robot.task_cell for robot in robots], dtype=np.int64),
+        ages_s=np.array([robot.age_ns * 1e-9 for robot in robots], dtype=np.float32),
+        present=np.ones(len(robots), dtype=np.bool_),
+        hops=view.hops.astype(np.int64),
+        targets=view.targets.astype(np.int64) if count else np.zeros((1, 2), dtype=np.int64),
+        listed=np.ones(count, dtype=np.bool_) if count else np.zeros(1, dtype=np.bool_),
+    )
+
+
+def features(view: View) -> Inputs:
+    """Input of the network for one view: names and axes of `AXES`, without batch axes."""
+    return features_of(arrays_of(view))
+
+
+def features_of(view: ViewArrays) -> Inputs:
+    """Input of the network for a batch of views: `AXES` after the leading batch axes."""
+    lengths = _at_targets(view)
+    cells, inside = _window_cells(view)
+    maps = channels(view)
+    rank = _ranks(view) / np.float32(RANK_SCALE)
+    valid = (lengths != UNREACHABLE) & view.listed[..., None, :] & view.present[..., :, None]
+    return {
+        "maps": maps,
+        "robots": _robot_features(view, maps, rank),
+        "pairs": _pair_features(view, lengths, rank, inside),
+        "cells": cells,
+        "valid": valid.astype(np.float32),
+        "offsets": (view.targets - view.robots[..., :1, :]).astype(np.float32),
+        "hops": view.hops,
+    }
+
+
+def channels(view: ViewArrays) -> Floats:
+    """The four maps round each robot, float32 [..., N, 4, 15, 15], zero outside the world.
+
+    Reward: v / (d + epsilon), d the length of the shortest way on what is known, 0 where there is none (eq. 5).
+    Gaussian target: max over known targets of exp(-(dx^2 + dy^2) / sigma^2) (eq. 6, with the square the paper drops).
+    """
+    flat, inside = _window_index(view)
+    distance = view.distances.reshape(-1)[flat]
+    beliefs = view.belief.reshape(-1)[_window_index_of_belief(view, flat)]
+    speed = view.speeds[..., None, None]
+    reachable = inside & (distance != UNREACHABLE)
+    maps = np.empty((*view.robots.shape[:-1], len(CHANNELS), WINDOW, WINDOW), dtype=np.float32)
+    maps[..., 0, :, :] = np.where(reachable, speed / (np.maximum(distance, 0) + np.float32(EPSILON)), 0)
+    maps[..., 1, :, :] = np.where(inside, _gaussian(view), 0)
+    maps[..., 2, :, :] = inside & (beliefs == CellState.OBSTACLE)
+    np.multiply(maps[..., 0, :, :], maps[..., 1, :, :], out=maps[..., 3, :, :])
+    maps[~view.present] = 0
+    return maps
+
+
+def _window_index(view: ViewArrays) -> tuple[Ints, Bools]:
+    """Flat index into `distances` of every window cell, clipped to the world, and whether it lies in it."""
+    width, height = view.belief.shape[-2:]
+    x = view.robots[..., 0, None] + _SPAN
+    y = view.robots[..., 1, None] + _SPAN
+    inside = ((x >= 0) & (x < width))[..., :, None] & ((y >= 0) & (y < height))[..., None, :]
+    cell = np.clip(x, 0, width - 1)[..., :, None] * height + np.clip(y, 0, height - 1)[..., None, :]
+    robots = view.robots.shape[:-1]
+    first = np.arange(int(np.prod(robots, dtype=np.int64))).reshape(robots) * (width * height)
+    return cell + first[..., None, None], inside
+
+
+def _window_index_of_belief(view: ViewArrays, flat: Ints) -> Ints:
+    """The same cells in the belief, which all robots of a view share."""
+    area = view.belief.shape[-2] * view.belief.shape[-1]
+    batch = view.belief.shape[:-2]
+    first = np.arange(int(np.prod(batch, dtype=np.int64))).reshape(batch) * area
+    index: Ints = flat % area + first[..., None, None, None]
+    return index
+
+
+def _gaussian(view: ViewArrays) -> Floats:
+    """Separable: [..., N, x, M] against [..., N, M, y], the larger of all targets."""
+    offset = (view.targets[..., None, :, :] - view.robots[..., :, None, :]).astype(np.float32)
+    gap = offset[..., None] - _SPAN.astype(np.float32)  # [..., N, M, 2, window]
+    bell = np.exp(-(gap * gap) / np.float32(SIGMA * SIGMA))
+    along_x = bell[..., 0, :] * view.listed[..., None, :, None]
+    along_y = bell[..., 1, :]
+    best: Floats = (along_x[..., :, None] * along_y[..., None, :]).max(axis=-3)
+    return best
+
+
+def _at_targets(view: ViewArrays) -> Ints:
+    """Steps from each robot to each target: [..., N, M]."""
+    width, height = view.belief.shape[-2:]
+    robots = view.robots.shape[:-1]
+    first = np.arange(int(np.prod(robots, dtype=np.int64))).reshape(robots) * (width * height)
+    cell = view.targets[..., 0] * height + view.targets[..., 1]
+    lengths: Ints = view.distances.reshape(-1)[first[..., None] + cell[..., None, :]]
+    return lengths
+
+
+def _times(lengths: Ints, speeds: Floats) -> tuple[Floats, Floats]:
+    """Seconds to each target and the reward there, both 0 where unreachable."""
+    reachable = lengths != UNREACHABLE
+    speed = np.maximum(speeds[..., None], np.float32(1e-3))
+    seconds = np.where(reachable, lengths.astype(np.float32) / speed, np.float32(0))
+    reward = np.where(reachable, speed / (np.maximum(lengths, 0).astype(np.float32) + np.float32(EPSILON)), 0)
+    return seconds, reward
+
+
+def _window_cells(view: ViewArrays) -> tuple[Ints, Bools]:
+    offset = view.targets[..., None, :, :] - view.robots[..., :, None, :] + WINDOW // 2
+    inside = ((offset >= 0) & (offset < WINDOW)).all(axis=-1) & view.listed[..., None, :]
+    return np.where(inside, offset[..., 0] * WINDOW + offset[..., 1], 0), inside
+
+
+def _ranks(view: ViewArrays) -> Floats:
+    """How many robots of the graph have a smaller id: every robot of the graph ranks alike."""
+    smaller = (view.ids[..., None, :] < view.ids[..., :, None]) & view.present[..., None, :]
+    rank: Floats = smaller.sum(axis=-1).astype(np.float32)
+    return rank
+
+
+def _robot_features(view: ViewArrays, maps: Floats, rank: Floats) -> Floats:
+    out = np.empty((*view.ids.shape, len(ROBOT_FEATURES)), dtype=np.float32)
+    out[..., 0] = view.kinds == RobotKind.UGV
+    out[..., 1] = view.speeds
+    out[..., 2] = rank
+    out[..., 3] = view.hops[..., 0, :] / np.float32(2)
+    out[..., 4] = np.arange(view.ids.shape[-1]) == 0
+    out[..., 5] = view.tasks[..., 0] >= 0
+    out[..., 6] = (view.hops == 1).sum(axis=-1) / np.float32(8)
+    out[..., 7] = _unknown_share(view, view.robots, WINDOW // 2)
+    out[..., 8] = view.ages_s / np.float32(AGE_SCALE_S)
+    out[~view.present] = 0
+    return out
+
+
+def _pair_features(view: ViewArrays, lengths: Ints, rank: Floats, inside: Bools) -> Floats:
+    reachable = lengths != UNREACHABLE
+    seconds, reward = _times(lengths, view.speeds)
+    out = np.empty((*seconds.shape, len(PAIR_FEATURES)), dtype=np.float32)
+    offset = view.targets[..., None, :, :] - view.robots[..., :, None, :]
+    task = (view.tasks[..., :, None, :] == view.targets[..., None, :, :]).all(axis=-1)
+    out[..., 0] = seconds / np.float32(TIME_SCALE_S)
+    out[..., 1] = reward
+    out[..., 2] = reachable
+    out[..., 3] = (view.kinds == RobotKind.UGV)[..., None]
+    out[..., 4] = _unknown_share(view, view.targets, UNKNOWN_REACH)[..., None, :]
+    out[..., 5] = rank[..., None]
+    out[..., 6] = np.arange(view.targets.shape[-2], dtype=np.float32) / np.float32(TARGET_RANK_SCALE)
+    out[..., 7] = task
+    out[..., 8] = inside
+    out[..., 9:11] = offset / np.float32(LENGTH_SCALE_CELLS)
+    out *= (view.listed[..., None, :] & view.present[..., :, None])[..., None]
+    return out
+
+
+def _unknown_share(view: ViewArrays, centres: Ints, reach: int) -> Floats:
+    """Share of unknown cells in the square round each centre [..., K, 2]; outside the world nothing is unknown."""
+    width, height = view.belief.shape[-2:]
+    unknown = np.zeros((*view.belief.shape[:-2], width + 1, height + 1), dtype=np.int32)
+    np.cumsum(view.belief == CellState.UNKNOWN, axis=-2, out=unknown[..., 1:, 1:])
+    np.cumsum(unknown[..., 1:, 1:], axis=-1, out=unknown[..., 1:, 1:])
+    batch = view.belief.shape[:-2]
+    first = (np.arange(int(np.prod(batch, dtype=np.int64))).reshape(batch) * (width + 1) * (height + 1))[..., None]
+    x0, y0 = (np.clip(centres[..., axis] - reach, 0, size) for axis, size in ((0, width), (1, height)))
+    x1, y1 = (np.clip(centres[..., axis] + reach + 1, 0, size) for axis, size in ((0, width), (1, height)))
+    table = unknown.reshape(-1)
+    count = (
+        table[first + x1 * (height + 1) + y1]
+        - table[first + x0 * (height + 1) + y1]
+        - table[first + x1 * (height + 1) + y0]
+        + table[first + x0 * (height + 1) + y0]
+    )
+    share: Floats = count.astype(np.float32) / np.float32((2 * reach + 1) ** 2)
+    return share

@@ -1,0 +1,224 @@
+"""Compiled geometry for data generation: the same results as `gatar_edge.grid` and `view`, proved by parity tests.
+
+The robot runs tcod and numpy; a million training views need the loops without Python round them. All grids are [W, H];
+states are those of `CellState`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from gatar_edge.types import CellState
+
+UNKNOWN, FREE, OBSTACLE = int(CellState.UNKNOWN), int(CellState.FREE), int(CellState.OBSTACLE)
+TARGET, LOCALIZED = int(CellState.TARGET), int(CellState.LOCALIZED)
+_FAR = np.int32(2**30)
+_FLT_EPSILON = np.float32(1.1920929e-07)
+
+Array = npt.NDArray[Any]
+
+
+@njit(cache=True, nogil=True)
+def path_lengths(belief: Array, ugv: bool, x: int, y: int, out: Array, queue: Array) -> None:
+    """Steps from (x, y) to every cell into `out` [W, H], -1 unreachable; `queue` holds at least W * H indices."""
+    width, height = belief.shape
+    if not ugv:
+        for i in range(width):
+            for j in range(height):
+                out[i, j] = abs(i - x) + abs(j - y)
+        return
+    out[:] = -1
+    out[x, y] = 0
+    queue[0] = x * height + y
+    head, tail = 0, 1
+    while head < tail:
+        i, j = queue[head] // height, queue[head] % height
+        head += 1
+        step = out[i, j] + 1
+        for side in range(4):
+            k = i + (side == 0) - (side == 1)
+            m = j + (side == 2) - (side == 3)
+            if 0 <= k < width and 0 <= m < height and out[k, m] < 0 and belief[k, m] != OBSTACLE:
+                out[k, m] = step
+                queue[tail] = k * height + m
+                tail += 1
+
+
+@njit(cache=True, nogil=True)
+def next_step(lengths: Array, gx: int, gy: int) -> tuple[int, int]:
+    """First cell on a shortest way from where `lengths` is 0 to the goal; the goal itself if it is there already."""
+    width, height = lengths.shape
+    x, y = gx, gy
+    left = lengths[x, y]
+    while left > 1:
+        left -= 1
+        for side in range(4):
+            k = x + (side == 0) - (side == 1)
+            m = y + (side == 2) - (side == 3)
+            if 0 <= k < width and 0 <= m < height and lengths[k, m] == left:
+                x, y = k, m
+                break
+    return x, y
+
+
+@njit(cache=True, nogil=True)
+def field_of_view(obstacles: Array, ugv: bool, x: int, y: int, r_sense: float, out: Array, rows: Array) -> None:
+    """What is seen from (x, y) into `out` bool [W, H]: a disc, and behind no obstacle for a UGV.
+
+    Symmetric shadow-casting as libtcod computes it, in single precision, so that both agree in every cell; `rows`
+    float32 [>= W + H, 3] is the stack of row segments (depth, low slope, high slope) still to scan.
+    """
+    width, height = obstacles.shape
+    reach = int(r_sense)
+    out[:] = False
+    out[x, y] = True
+    if not ugv:
+        for i in range(max(0, x - reach), min(width, x + reach + 1)):
+            for j in range(max(0, y - reach), min(height, y + reach + 1)):
+                out[i, j] = (i - x) ** 2 + (j - y) ** 2 <= r_sense * r_sense
+        return
+    for quadrant in range(4):
+        _scan_quadrant(obstacles, x, y, quadrant, r_sense, out, rows)
+
+
+@njit(cache=True, nogil=True)
+def _rounded(value: np.float32) -> int:
+    """Half away from zero, as C's roundf."""
+    return int(np.floor(value + 0.5)) if value >= 0 else int(np.ceil(value - 0.5))
+
+
+@njit(cache=True, nogil=True)
+def _scan_quadrant(obstacles: Array, x: int, y: int, quadrant: int, r_sense: float, out: Array, rows: Array) -> None:
+    width, height = obstacles.shape
+    sign = 1 if quadrant < 2 else -1
+    eastward = quadrant == 0 or quadrant == 2
+    rows[0, 0], rows[0, 1], rows[0, 2] = 1, -1, 1
+    top = 1
+    while top > 0:
+        top -= 1
+        depth, low, high = int(rows[top, 0]), rows[top, 1], rows[top, 2]
+        edge = (x if eastward else y) + sign * depth
+        if depth > r_sense or edge < 0 or edge >= (width if eastward else height):
+            continue
+        first = _rounded(np.float32(np.float32(depth) * low) * np.float32(1 + _FLT_EPSILON))
+        last = _rounded(np.float32(np.float32(depth) * high) * np.float32(1 - _FLT_EPSILON))
+        before_wall = False
+        for column in range(first, last + 1):
+            i = edge if eastward else x + sign * column
+            j = y + sign * column if eastward else edge
+            if not (0 <= i < width and 0 <= j < height):
+                continue
+            wall = obstacles[i, j]
+            symmetric = column >= np.float32(depth) * low and column <= np.float32(depth) * high
+            if (wall or symmetric) and depth * depth + column * column <= r_sense * r_sense:
+                out[i, j] = True
+            slope = np.float32(2 * column - 1) / np.float32(2 * depth)
+            if before_wall and not wall:
+                low = slope
+            if column != first and not before_wall and wall:
+                rows[top, 0], rows[top, 1], rows[top, 2] = depth + 1, low, slope
+                top += 1
+            before_wall = wall
+        if not before_wall:
+            rows[top, 0], rows[top, 1], rows[top, 2] = depth + 1, low, high
+            top += 1
+
+
+@njit(cache=True, nogil=True)
+def observe(belief: Array, obstacles: Array, targets: Array, seen: Array, x: int, y: int) -> None:
+    """What was seen enters the own belief, as `belief.observed` says; `targets` bool [W, H]."""
+    width, height = belief.shape
+    for i in range(width):
+        for j in range(height):
+            if seen[i, j] and belief[i, j] != LOCALIZED:
+                if targets[i, j]:
+                    belief[i, j] = TARGET
+                elif obstacles[i, j]:
+                    belief[i, j] = OBSTACLE
+                else:
+                    belief[i, j] = FREE
+    if belief[x, y] == TARGET:
+        belief[x, y] = LOCALIZED
+
+
+@njit(cache=True, nogil=True)
+def hop_counts(cells: Array, r_comm: float, hop_limit: int, out: Array) -> None:
+    """Hops in the radius graph into `out` [N, N]: 0 itself, -1 beyond `hop_limit`; `cells` [N, 2]."""
+    count = cells.shape[0]
+    out[:] = -1
+    for n in range(count):
+        for m in range(count):
+            dx = int(cells[n, 0]) - int(cells[m, 0])
+            dy = int(cells[n, 1]) - int(cells[m, 1])
+            if dx * dx + dy * dy <= r_comm * r_comm:
+                out[n, m] = 1
+        out[n, n] = 0
+    for hop in range(2, hop_limit + 1):
+        for n in range(count):
+            for m in range(count):
+                if out[n, m] == -1:
+                    for k in range(count):
+                        if out[n, k] == hop - 1 and out[k, m] == 1:
+                            out[n, m] = hop
+                            break
+
+
+@njit(cache=True, nogil=True)
+def greedy(lengths: Array, out: Array) -> None:
+    """The paper's expert over `lengths` [N, M] (-1 unreachable; overwritten): shortest first, ties by row, then column."""
+    robots, targets = lengths.shape
+    out[:] = -1
+    for _ in range(min(robots, targets)):
+        best, row, column = _FAR, -1, -1
+        for n in range(robots):
+            if out[n] < 0:
+                for m in range(targets):
+                    if 0 <= lengths[n, m] < best:
+                        best, row, column = lengths[n, m], n, m
+        if row < 0:
+            return
+        out[row] = column
+        lengths[:, column] = -1
+
+
+@njit(cache=True, nogil=True)
+def list_targets(belief: Array, out: Array) -> int:
+    """Known targets in order of x, then y, into `out` [>= M, 2]; returns how many, at most all that fit."""
+    count = 0
+    for i in range(belief.shape[0]):
+        for j in range(belief.shape[1]):
+            if belief[i, j] == TARGET and count < out.shape[0]:
+                out[count, 0], out[count, 1] = i, j
+                count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def pack(belief: Array, out: Array) -> None:
+    """Three bits a cell, lowest bit first: uint8 [W, H] -> uint8 [ceil(3 W H / 8)]."""
+    out[:] = 0
+    bit = 0
+    for i in range(belief.shape[0]):
+        for j in range(belief.shape[1]):
+            value = np.int64(belief[i, j]) << (bit & 7)
+            out[bit >> 3] |= np.uint8(value & 255)
+            if value > 255:
+                out[(bit >> 3) + 1] |= np.uint8(value >> 8)
+            bit += 3
+
+
+@njit(cache=True, nogil=True)
+def unpack(packed: Array, out: Array) -> None:
+    """The inverse of `pack`."""
+    bit = 0
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            value = np.int64(packed[bit >> 3])
+            if (bit & 7) > 5:
+                value |= np.int64(packed[(bit >> 3) + 1]) << 8
+            out[i, j] = (value >> (bit & 7)) & 7
+            bit += 3

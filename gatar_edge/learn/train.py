@@ -1,0 +1,257 @@
+"""One training loop for every network: imitation of the labels of a data set.
+
+A run folder holds `run.json` (all options), `checkpoint.{safetensors,json}` (exact state), `log.jsonl` (curves) and at
+the end `model.safetensors` with `model.json`. A run that was cut off goes on from its checkpoint with the same batches.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from queue import Full, Queue
+from threading import Event, Thread
+from typing import Any
+
+import numpy as np
+import torch
+from safetensors.torch import load_file, save_file
+from torch import Tensor, nn
+from torch.nn import functional
+
+from gatar_edge.errors import ConfigError
+from gatar_edge.learn.networks import build, settings_of
+from gatar_edge.learn.views import IGNORED, Batch, Group, batches, load_groups
+
+NEIGHBOUR_WEIGHT = 0.5  # of the rows that are not ego's: they matter when scores are decoded together
+EARLIER_WEIGHT = 0.3  # of the rounds before the last: deep supervision
+AHEAD = 4  # batches made in advance by the loader's thread
+
+
+@dataclass(frozen=True, slots=True)
+class TrainOptions:
+    """All that decides a run. Either `minutes` or `steps` ends it; only `steps` gives the same weights everywhere."""
+
+    network: str
+    data: str
+    seed: int = 0
+    minutes: float = 0.0
+    steps: int = 0
+    batch: int = 64
+    rate: float = 2e-3
+    warm_up: int = 200
+    weight_decay: float = 1e-4
+    clip: float = 1.0
+    settings: dict[str, Any] = field(default_factory=dict)  # fields of the network's config
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """What a display needs: a step's loss and share of right targets of ego, and how much of the run is done."""
+
+    step: int
+    loss: float
+    exact: float
+    done: float  # 0..1
+    seconds: float
+
+
+def loss_of(outputs: Any, batch: Batch) -> Tensor:
+    """Cross-entropy over the candidates and "no target", of the last round and less of each earlier one."""
+    labels = torch.from_numpy(_usable(batch))
+    used = labels >= 0
+    weight = torch.full(labels.shape, NEIGHBOUR_WEIGHT)
+    weight[:, 0] = 1.0
+    weight = weight * used
+    total = weight.sum().clamp(min=1.0)
+
+    def cross_entropy(scores: Tensor) -> Tensor:
+        each = functional.cross_entropy(scores.flatten(0, 1), labels.clamp(min=0).flatten(), reduction="none")
+        return (each.view_as(weight) * weight).sum() / total
+
+    earlier = sum((cross_entropy(scores) for scores in outputs.rounds), start=torch.zeros(()))
+    return cross_entropy(outputs.scores) + EARLIER_WEIGHT * earlier
+
+
+def _usable(batch: Batch) -> np.ndarray[Any, np.dtype[np.int64]]:
+    """Labels, without those that ego believes unreachable: the network cannot score them."""
+    valid = np.asarray(batch.inputs["valid"])
+    labels: np.ndarray[Any, np.dtype[np.int64]] = batch.labels
+    column = np.clip(labels, 0, valid.shape[2] - 1)
+    known = np.take_along_axis(valid, column[..., None], axis=2)[..., 0] > 0
+    return np.where((labels < 0) | (labels == valid.shape[2]) | known, labels, IGNORED)
+
+
+def tensors_of(batch: Batch) -> dict[str, Tensor]:
+    """The batch's inputs for a network."""
+    return {name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in batch.inputs.items()}
+
+
+class Trainer:
+    """One run: options, network, optimizer, and where it stands."""
+
+    def __init__(self, options: TrainOptions, folder: Path) -> None:
+        if (options.minutes > 0) == (options.steps > 0):
+            raise ConfigError("give either minutes or steps (or epochs), and more than 0")
+        self.options = options
+        self.folder = folder
+        self.groups, self.manifest = load_groups(Path(options.data))
+        torch.manual_seed(options.seed)
+        torch.use_deterministic_algorithms(True)
+        self.network: nn.Module = build(options.network, options.settings)
+        self.optimizer = torch.optim.AdamW(
+            self.network.parameters(), lr=options.rate, weight_decay=options.weight_decay
+        )
+        self.step = 0
+        self.seconds = 0.0
+        self._claim()
+
+    def run(self, report: Callable[[Progress], None], checkpoint_every_s: float = 60.0) -> Path:
+        """Train to the end; returns the path of the finished weights."""
+        last_saved = time.monotonic()
+        loader = Loader(self.groups, self.options.batch, self.options.seed, self.step)
+        try:
+            with (self.folder / "log.jsonl").open("a", encoding="utf-8") as log:
+                while self.done < 1:
+                    started = time.monotonic()
+                    progress = self._train(next(loader), started)
+                    report(progress)
+                    if self.step % 20 == 0:
+                        log.write(json.dumps(asdict(progress)) + "\n")
+                    if started - last_saved > checkpoint_every_s:
+                        self.save()
+                        last_saved = started
+        finally:
+            loader.close()
+        self.save()
+        return self._finish()
+
+    @property
+    def done(self) -> float:
+        """How much of the run is behind: 0..1."""
+        options = self.options
+        return self.step / options.steps if options.steps else self.seconds / (options.minutes * 60)
+
+    def _train(self, batch: Batch, started: float) -> Progress:
+        for group in self.optimizer.param_groups:
+            group["lr"] = self.options.rate * self._schedule()
+        outputs = self.network(**tensors_of(batch))
+        loss = loss_of(outputs, batch)
+        self.optimizer.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+        nn.utils.clip_grad_norm_(self.network.parameters(), self.options.clip)
+        self.optimizer.step()
+        self.step += 1
+        self.seconds += time.monotonic() - started
+        right = outputs.scores[:, 0, :-1].argmax(dim=-1).numpy() == batch.labels[:, 0]
+        judged = batch.labelled & batch.knowable
+        exact = float(right[judged].mean()) if judged.any() else 1.0
+        return Progress(self.step, float(loss.detach()), exact, min(1.0, self.done), self.seconds)
+
+    def _schedule(self) -> float:
+        warm = min(1.0, (self.step + 1) / self.options.warm_up)
+        return warm * (0.5 + 0.5 * math.cos(math.pi * min(1.0, self.done)))
+
+    def save(self) -> None:
+        """Write the exact state, whole or not at all."""
+        state = {f"model.{name}": tensor for name, tensor in self.network.state_dict().items()}
+        for name, parameter in self.network.named_parameters():
+            for key, value in self.optimizer.state.get(parameter, {}).items():
+                state[f"{key}.{name}"] = torch.as_tensor(value)
+        new = self.folder / "checkpoint.new"
+        note = {"step": self.step, "seconds": self.seconds}
+        save_file(state, new, metadata={"state": json.dumps(note)})
+        new.replace(self.folder / "checkpoint.safetensors")
+
+    def _claim(self) -> None:
+        """Start a folder, or go on with the run that it holds. Raises ConfigError if that is another run."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        note = self.folder / "run.json"
+        wanted = {"options": asdict(self.options), "data_sha256": self.manifest["sha256"]}
+        wanted = json.loads(json.dumps(wanted))
+        if note.is_file() and json.loads(note.read_text()) != wanted:
+            raise ConfigError(f"{self.folder} holds another run (see {note.name}): choose another folder")
+        note.write_text(json.dumps(wanted, indent=1) + "\n")
+        checkpoint = self.folder / "checkpoint.safetensors"
+        if checkpoint.is_file():
+            self._resume(checkpoint)
+
+    def _resume(self, checkpoint: Path) -> None:
+        from safetensors import safe_open
+
+        state = load_file(checkpoint)
+        with safe_open(checkpoint, framework="pt") as file:
+            note = json.loads(file.metadata()["state"])
+        self.step, self.seconds = int(note["step"]), float(note["seconds"])
+        self.network.load_state_dict({k[6:]: v for k, v in state.items() if k.startswith("model.")})
+        for name, parameter in self.network.named_parameters():
+            self.optimizer.state[parameter] = {
+                key: state[f"{key}.{name}"] for key in ("step", "exp_avg", "exp_avg_sq") if f"{key}.{name}" in state
+            }
+
+    def _finish(self) -> Path:
+        path = self.folder / "model.safetensors"
+        save_file(self.network.state_dict(), path)
+        description = {
+            "network": self.options.network,
+            "settings": settings_of(self.network),
+            "parameters": sum(p.numel() for p in self.network.parameters()),
+            "steps": self.step,
+            "data": {"sha256": self.manifest["sha256"], "options": self.manifest["options"]},
+            "train": asdict(self.options),
+        }
+        (self.folder / "model.json").write_text(json.dumps(description, indent=1) + "\n")
+        return path
+
+
+class Loader:
+    """Makes batches in a thread of its own, a few ahead of the training."""
+
+    def __init__(self, groups: list[Group], size: int, seed: int, first: int) -> None:
+        self._queue: Queue[Batch | Exception] = Queue(AHEAD)
+        self._stop = Event()
+        self._thread = Thread(target=self._work, args=(batches(groups, size, seed, first),), daemon=True)
+        self._thread.start()
+
+    def __next__(self) -> Batch:
+        item = self._queue.get()
+        if isinstance(item, Exception):
+            raise item
+        return item
+
+    def close(self) -> None:
+        """Stop the thread and wait for it."""
+        self._stop.set()
+        self._thread.join()
+
+    def _work(self, source: Iterator[Batch]) -> None:
+        try:
+            for batch in source:
+                if not self._put(batch):
+                    return
+        except Exception as error:  # handed to the trainer, which raises it
+            self._put(error)
+
+    def _put(self, item: Batch | Exception) -> bool:
+        while not self._stop.is_set():
+            try:
+                self._queue.put(item, timeout=0.1)
+            except Full:
+                continue
+            return True
+        return False
+
+
+def load_model(folder: Path) -> tuple[nn.Module, dict[str, Any]]:
+    """The network of a finished run, in evaluation mode, and its `model.json`. Raises ConfigError."""
+    try:
+        description: dict[str, Any] = json.loads((folder / "model.json").read_text())
+        weights = load_file(folder / "model.safetensors")
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{folder} is not a finished training run: {error}") from None
+    network = build(description["network"], description["settings"])
+    network.load_state_dict(weights)
+    return network.eval(), description

@@ -1,0 +1,120 @@
+"""Runs an exported network on the robot's CPU: onnxruntime and nothing else.
+
+Shapes, types and finiteness are checked before each run, because onnxruntime broadcasts a wrong shape in silence and a
+NaN in a hidden row would poison every other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import onnxruntime
+
+from gatar_edge import manifest as contract
+from gatar_edge.errors import ModelError
+from gatar_edge.features import SIZES, Inputs
+from gatar_edge.types import Floats
+
+LARGEST_FILE = 64 << 20  # bytes
+MODELS = Path(__file__).parent / "models"
+DEFAULT_MODEL = MODELS / "gatar-greedy.onnx"
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyOutput:
+    """What the network says of one view."""
+
+    scores: Floats  # [N, M + 1], probability of each candidate; the last column: no target
+    xy: Floats  # [2], ego's score-weighted mean candidate, cells from ego
+    attention: Floats  # [N], ego's
+
+
+class Policy:
+    """One model file, loaded and checked. Raises ModelError where it cannot be used."""
+
+    def __init__(self, path: Path = DEFAULT_MODEL) -> None:
+        self.path = Path(path)
+        self._session = _session(self.path)
+        metadata = self._session.get_modelmeta().custom_metadata_map
+        self.manifest = contract.parse(metadata.get(contract.KEY), self.path.name)
+        found = {node.name for node in self._session.get_inputs()}
+        if found != set(self.manifest.inputs):
+            raise ModelError(
+                f"{self.path.name}: field inputs is {sorted(self.manifest.inputs)}, the graph has {sorted(found)}"
+            )
+        self._outputs = list(contract.OUTPUTS)
+        if {node.name for node in self._session.get_outputs()} != set(self._outputs):
+            raise ModelError(f"{self.path.name}: the graph's outputs are not {self._outputs}")
+
+    def run(self, inputs: Inputs) -> PolicyOutput:
+        """Evaluate one view (`features.features`). Raises ModelError on a wrong shape or a number that is not finite."""
+        feed = {name: self._checked(name, inputs) for name in self.manifest.inputs}
+        sizes = _sizes(feed)
+        if not (1 <= sizes["N"] <= contract.MAX_ROBOTS and 1 <= sizes["M"] <= contract.MAX_CANDIDATES):
+            raise ModelError(
+                f"{sizes['N']} robots and {sizes['M']} candidates: {self.path.name} takes 1 to {contract.MAX_ROBOTS} "
+                f"and 1 to {contract.MAX_CANDIDATES}"
+            )
+        try:
+            values: list[Floats] = self._session.run(self._outputs, feed)
+        except Exception as error:  # onnxruntime's errors have no common root
+            raise ModelError(f"{self.path.name}: {_one_line(error)}") from None
+        scores, xy, attention = values
+        if scores.shape != (sizes["N"], sizes["M"] + 1) or not all(np.isfinite(value).all() for value in values):
+            raise ModelError(f"{self.path.name}: output of shape {scores.shape} is not finite or not as contracted")
+        return PolicyOutput(scores, xy, attention)
+
+    def _checked(self, name: str, inputs: Inputs) -> npt.NDArray[Any]:
+        array = inputs.get(name)
+        if array is None:
+            raise ModelError(f"{self.path.name}: input {name} is missing")
+        wanted = self.manifest.fields["inputs"][name]
+        if array.dtype != wanted["dtype"] or array.ndim != len(wanted["axes"]):
+            raise ModelError(
+                f"input {name}: {array.dtype} with {array.ndim} axes, {self.path.name} needs {wanted['dtype']} with "
+                f"{len(wanted['axes'])}"
+            )
+        if array.dtype.kind == "f" and not np.isfinite(array).all():
+            raise ModelError(f"input {name} holds a number that is not finite")
+        return np.ascontiguousarray(array)
+
+
+def _sizes(feed: dict[str, npt.NDArray[Any]]) -> dict[str, int]:
+    """Size of every axis, the same in all inputs. Raises ModelError."""
+    from gatar_edge.features import AXES
+
+    sizes: dict[str, int] = dict(SIZES)
+    for name, array in feed.items():
+        for axis, size in zip(AXES[name], array.shape, strict=True):
+            if sizes.setdefault(axis, size) != size:
+                raise ModelError(f"input {name}: axis {axis} has size {size}, expected {sizes[axis]}")
+    return sizes
+
+
+def _session(path: Path) -> Any:
+    try:
+        size = path.stat().st_size
+        if size > LARGEST_FILE:
+            raise ModelError(f"{path}: {size} bytes, at most {LARGEST_FILE} are read")
+        data = path.read_bytes()
+    except OSError as error:
+        raise ModelError(f"cannot read the model {path}: {error.strerror or error}") from None
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    options.inter_op_num_threads = 1
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
+    options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_ENABLE_ALL
+    options.log_severity_level = 4  # errors come back as exceptions
+    try:
+        return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime's errors have no common root
+        raise ModelError(f"{path} is not a readable ONNX model: {_one_line(error)}") from None
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200]
