@@ -19,7 +19,7 @@ from typing import Any
 TEAMS = ("1A1G", "3A3G", "6A6G")
 WORLDS = 12
 FIRST_SEED = 1_002_000
-ROUNDS = (0, 100, 400, 20_000)  # 400 on a robot
+ROUNDS = (0, 100, 400, 20_000)  # 100 on a robot
 THINK_S = 10
 SCALE = 100  # OR-Tools counts in whole numbers
 FAR = 10**7
