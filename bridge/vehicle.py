@@ -20,8 +20,12 @@ from gatar_edge.bridge.telemetry import Telemetry
 from gatar_edge.bridge.wire import Address, Command, Message
 from gatar_edge.types import NS_PER_S, Goto, Hold, Mission, RobotKind
 
-HEARTBEAT_LOST_NS = 3 * NS_PER_S
+SILENT_NS = 3 * NS_PER_S  # nothing at all
+HEARTBEAT_LOST_NS = 6 * NS_PER_S  # three lost ones in a row are no rarity on a bad link
 WORST_LOGGED_SEVERITY = 4  # MAV_SEVERITY_WARNING
+REORDERED_NS = 2 * NS_PER_S  # a frame numbered before one this young was overtaken; later it is a rebooted vehicle's
+# these answer one by one and are matched by what they say; all others tell a state, of which only the newest counts
+TRANSFERS = (wire.MissionRequest, wire.MissionAck, wire.MissionCount, wire.MissionItemAt, wire.CommandAck)
 
 
 class Vehicle:
@@ -46,12 +50,15 @@ class Vehicle:
             arrive_m=arrive_m,
             near_m=config.grid.cell_m,
             progress_s=config.progress_s,
+            speed_m_s=config.speed_m_s,
         )
         if config.speed_m_s is not None:
             self.guided.speed(config.speed_m_s)
         self._rates = RateWatch(address, now_ns)
         self._by_mission = config.kind is RobotKind.UGV and config.drive == "mission"
         self._holding = False
+        self._heard_ns = now_ns
+        self._latest: dict[int, tuple[int, int]] = {}  # message id -> its latest frame's number and time
         self._told = (self.launch.phase, Status.IDLE)
 
     @property
@@ -62,8 +69,8 @@ class Vehicle:
         return self.retask.status if self._by_mission else self.guided.status
 
     def connected(self, now_ns: int) -> bool:
-        """Whether its heartbeat is fresh."""
-        return now_ns - self.seen.heartbeat_ns <= HEARTBEAT_LOST_NS
+        """Whether it is heard, and tells its mode."""
+        return now_ns - self._heard_ns <= SILENT_NS and now_ns - self.seen.heartbeat_ns <= HEARTBEAT_LOST_NS
 
     def ready(self, now_ns: int) -> bool:
         """Whether it obeys us."""
@@ -76,9 +83,10 @@ class Vehicle:
 
     def receive(self, frame: wire.Received, now_ns: int) -> None:
         """Take one frame of this autopilot."""
+        self._heard_ns = now_ns
         self._rates.count(frame.message_id)
         message = frame.message
-        if message is None:
+        if message is None or (not isinstance(message, TRANSFERS) and self._overtaken(frame, now_ns)):
             return
         self.seen.update(message, now_ns)
         if isinstance(message, wire.Heartbeat):
@@ -91,20 +99,20 @@ class Vehicle:
         else:
             self.transfer.receive(frame.source, message, now_ns)
 
-    def pursue(self, command: Goto | Mission | Hold, now_ns: int) -> None:
-        """Make the vehicle do this from now on. Nothing is sent to one that does not obey us."""
+    def pursue(self, command: Goto | Mission | Hold, now_ns: int) -> bool:
+        """Make the vehicle do this from now on. False: nothing was sent, to one that does not obey us."""
         if not self.ready(now_ns):
-            return
+            return False
         self._holding = isinstance(command, Hold)
         if isinstance(command, Hold):
-            self._hold(now_ns)
-            return
+            return self._hold(now_ns)
         cells = (command.cell,) if isinstance(command, Goto) else command.cells
         points = tuple(cell_to_wgs84(self.config.grid, cell) for cell in cells)
         if self._by_mission:
             self.retask.drive(points, now_ns)
         else:
             self.guided.go(points, self._altitude_m(), self._home_amsl_m(), now_ns)
+        return True
 
     def enable(self, now_ns: int) -> None:
         """Command again after the pilot had control."""
@@ -126,15 +134,25 @@ class Vehicle:
         # the pilot wins: then we ask for telemetry and for nothing else
         return out if self.launch.phase is Phase.PILOT else out + commands
 
-    def _hold(self, now_ns: int) -> None:
+    def _overtaken(self, frame: wire.Received, now_ns: int) -> bool:
+        """Whether a newer message of the kind came first: an old heartbeat must not look like the pilot's doing."""
+        seq, at_ns = self._latest.get(frame.message_id, (frame.seq, now_ns))
+        if (frame.seq - seq) % 256 > 128 and now_ns - at_ns < REORDERED_NS:
+            return True
+        self._latest[frame.message_id] = (frame.seq, now_ns)
+        return False
+
+    def _hold(self, now_ns: int) -> bool:
         self.retask.stop()
         here = self.seen.lat_lon_deg
         if self.profile.hold_by is HoldBy.MODE:
             self.guided.stop()
             self.modes.want(self.profile.hold_mode)
-        elif here is not None and now_ns - self.seen.position_ns <= self.config.position_max_age_s * NS_PER_S:
+            return True
+        if here is not None and now_ns - self.seen.position_ns <= self.config.position_max_age_s * NS_PER_S:
             self.guided.go((here,), self._altitude_m(), self._home_amsl_m(), now_ns, hold=True)
-        # with an old position a copter is left to reach its last target, where it holds by itself
+            return True
+        return False  # with an old position a copter goes on to its last target, where it holds by itself
 
     def _altitude_m(self) -> float:
         return self.config.altitude_m if self.config.kind is RobotKind.UAV else 0.0

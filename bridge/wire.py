@@ -12,8 +12,6 @@ from enum import IntEnum
 
 Address = tuple[int, int]
 
-EVERYBODY: Address = (0, 0)
-
 
 class MissionResult(IntEnum):
     """MAV_MISSION_RESULT of common.xml."""
@@ -307,6 +305,7 @@ class Received:
     """One frame from the wire: who sent it, its bytes without a signature, and its meaning if it is one in use."""
 
     source: Address
+    seq: int
     message_id: int
     raw: bytes
     message: Message | None

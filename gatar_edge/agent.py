@@ -23,6 +23,7 @@ from gatar_edge.types import (
     Assignment,
     ByteGrid,
     Candidate,
+    Cell,
     CellState,
     Decision,
     Observation,
@@ -32,7 +33,7 @@ from gatar_edge.types import (
     TaskKind,
     VehicleCommand,
 )
-from gatar_edge.view import View, build_view
+from gatar_edge.view import View, build_view, without
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +92,7 @@ class Agent:
         self._fallback = Greedy()
         self._observation: Observation | None = None
         self.has_vehicle = True  # set false by the caller while the vehicle cannot be commanded
+        self.shunned: frozenset[Cell] = frozenset()  # where the vehicle could not go lately: set by the caller
         self.shadow = False  # set true by the caller where nothing obeys: tell what is seen, claim nothing
         self._takes_part = True  # a robot that cannot move says so, and nobody allocates targets to it
 
@@ -182,6 +184,7 @@ class Agent:
             candidates=_candidates(view, allocation),
             choices=tuple(int(choice) for choice in allocation.choices),
             attention=allocation.attention,
+            shunned=tuple(sorted(self.shunned)),
         )
 
     def view(self, now_ns: int, observation: Observation) -> View:
@@ -195,7 +198,8 @@ class Agent:
             for neighbor in self.neighbors.fresh(now_ns, observation.cell)
             if self._on_grid(m := neighbor.message)
         ]
-        return build_view(now_ns, ego, others, self.belief, config.r_comm, config.hop_limit, config.max_candidates)
+        view = build_view(now_ns, ego, others, self.belief, config.r_comm, config.hop_limit, config.max_candidates)
+        return without(view, self.shunned) if self.shunned else view
 
     def _listen(self, datagram: bytes, now_ns: int) -> HearOutcome:
         """Hand the allocator what its like told."""

@@ -33,8 +33,7 @@ class RadioWay(StrEnum):
     """What happened to a datagram at one robot."""
 
     HEARD = "heard"
-    SENT = "sent"  # own message
-    RELAYED = "relayed"  # another robot's message, passed on
+    SENT = "sent"
 
 
 class ObservationRecord(msgspec.Struct, frozen=True):
@@ -50,7 +49,7 @@ class ObservationRecord(msgspec.Struct, frozen=True):
 
 
 class RadioItem(msgspec.Struct, frozen=True, omit_defaults=True):
-    """One datagram. `data` is base64, left out where the content had no effect (duplicates, relays)."""
+    """One datagram that was sent, news, or refused. `data` is base64, left out of what was refused."""
 
     t_ns: int  # of arrival or departure, local clock
     way: RadioWay
@@ -68,10 +67,16 @@ class RadioItem(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class RadioRecord(msgspec.Struct, frozen=True):
-    """The datagrams of one robot since its last record, in the order in which its agent met them."""
+    """The datagrams of one robot since its last record, in the order in which its agent met them.
+
+    Those that have no effect on what a robot knows or says are only counted.
+    """
 
     robot_id: int
     items: list[RadioItem]
+    ignored: dict[str, int] = {}  # heard and ignored, by outcome: duplicates, own ones come back, too many hops
+    relayed: int = 0
+    relayed_bytes: int = 0
 
 
 class DecisionRecord(msgspec.Struct, frozen=True):
@@ -80,6 +85,18 @@ class DecisionRecord(msgspec.Struct, frozen=True):
     decision: Decision
     wanted: dict[str, Any]
     sent: dict[str, Any]
+
+
+class AgentStateRecord(msgspec.Struct, frozen=True):
+    """What an agent starts with that takes over from an earlier one: see `persist.SavedState`."""
+
+    robot_id: int
+    width: int
+    height: int
+    belief: str  # base64 of zlib of uint8 [width, height]
+    task_kind: TaskKind
+    task_cell: tuple[int, int]
+    task_path: list[tuple[int, int]]
 
 
 class VehicleRecord(msgspec.Struct, frozen=True):
@@ -157,9 +174,12 @@ HEALTH = Channel("/run/health", _JSON, "gatar.Health", "5 s", "what the recorder
 OBSERVATION = Channel(
     "/robot/{id}/observation", _JSON, "gatar.Observation", "tick", "what the robot saw", ObservationRecord
 )
-RADIO = Channel("/robot/{id}/radio", _JSON, "gatar.Radio", "tick", "datagrams heard, sent, relayed", RadioRecord)
+RADIO = Channel("/robot/{id}/radio", _JSON, "gatar.Radio", "tick", "datagrams heard and sent", RadioRecord)
 DECISION = Channel(
     "/robot/{id}/decision", _JSON, "gatar.Decision", "tick", "what was decided, on what, and why", DecisionRecord
+)
+AGENT_STATE = Channel(
+    "/robot/{id}/state", _JSON, "gatar.AgentState", "restart", "what it took over from before", AgentStateRecord
 )
 VEHICLE = Channel("/robot/{id}/vehicle", _JSON, "gatar.Vehicle", "tick", "what the bridge knows", VehicleRecord)
 MAVLINK_RX = Channel(
@@ -183,8 +203,8 @@ TRUTH_VISITS = Channel("/truth/visits", _JSON, "gatar.Visit", "event", "targets 
 FAULTS = Channel("/faults", _JSON, "gatar.Fault", "event", "faults injected (simulator)", FaultRecord)
 
 CHANNELS = (
-    RUN_INFO, RESULT, HEALTH, OBSERVATION, RADIO, DECISION, VEHICLE, MAVLINK_RX, MAVLINK_TX, BELIEF, FIX, FRAME,
-    SCENE, MAP, MAP_IMAGE, LOG, TRUTH_MAP, TRUTH_ROBOTS, TRUTH_VISITS, FAULTS,
+    RUN_INFO, RESULT, HEALTH, OBSERVATION, RADIO, DECISION, AGENT_STATE, VEHICLE, MAVLINK_RX, MAVLINK_TX, BELIEF, FIX,
+    FRAME, SCENE, MAP, MAP_IMAGE, LOG, TRUTH_MAP, TRUTH_ROBOTS, TRUTH_VISITS, FAULTS,
 )  # fmt: skip
 
 _ROBOT_TOPIC = re.compile(r"/robot/(\d{1,5})(/.+)")

@@ -21,6 +21,7 @@ COMMANDS = {
     "export": "turn a trained network into one ONNX file",
     "verify": "prove that an ONNX file equals its network",
     "log": "review a mission log",
+    "bench": "measure this machine",
 }
 
 

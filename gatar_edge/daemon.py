@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from gatar_edge.agent import Agent
-from gatar_edge.health import Counters, NeighborLine, Snapshot, usable
+from gatar_edge.health import Counters, NeighborLine, Shunned, Snapshot, usable
 from gatar_edge.journal import Journal, TextLog
 from gatar_edge.neighbors import HearOutcome
 from gatar_edge.perception import Perception
@@ -28,6 +28,7 @@ from gatar_edge.types import (
     Hold,
     Observation,
     Reason,
+    TaskKind,
     VehicleCommand,
     VehicleState,
 )
@@ -35,7 +36,13 @@ from gatar_edge.types import (
 POLL_NS = NS_PER_S // 20  # timers of the autopilot's protocols
 STALL_NS = NS_PER_S  # after standing still for this long, what waits in the sockets is older than it looks
 STOP_NS = 3 * NS_PER_S  # for the vehicle to confirm that it holds
-MAX_USELESS_LOGGED = 64  # a tick: heard datagrams without effect, so that a flood does not fill the disk
+MAX_USELESS_LOGGED = 16  # a tick: heard datagrams without effect, so that a flood does not fill the disk
+COUNTERS_NS = 10 * NS_PER_S  # how often all counters go to the log
+_STRANGE = {
+    HearOutcome.FORGED: "message with a wrong signature: another team, another key, or an attack",
+    HearOutcome.FOREIGN_CONFIG: "neighbour with another [grid] or [team] configuration: not heard",
+    HearOutcome.VERSION: "neighbour with another version of the message: not heard",
+}
 _EFFECTIVE = (HearOutcome.ACCEPTED, HearOutcome.NEARER, HearOutcome.TALK)
 
 
@@ -49,12 +56,12 @@ class Vehicle(Protocol):
     """The autopilot behind its bridge; see `vehicle_port.AutopilotPort`."""
 
     def receive(self, now_ns: int) -> None: ...
-    def drain(self, now_ns: int) -> None: ...
     def command(self, wanted: VehicleCommand, now_ns: int) -> VehicleCommand: ...
     def poll(self, now_ns: int) -> None: ...
     def state(self, now_ns: int) -> VehicleState: ...
     def critical(self, critical: bool) -> None: ...
     def holding(self, now_ns: int) -> bool: ...
+    def failed(self) -> bool: ...
 
 
 class Log(TextLog, Protocol):
@@ -119,8 +126,10 @@ class Daemon:
         self._settings = settings
         self._robot_id = agent.identity.robot_id
         self._started_ns = self._stepped_ns = self._tick_due_ns = self._save_due_ns = ports.clock_ns()
+        self._count_due_ns = self._started_ns + COUNTERS_NS
         self._reason = Reason.NOTHING_LEFT
         self._useless_logged = 0
+        self._shunned = Shunned()
 
     @property
     def due_ns(self) -> int:
@@ -156,11 +165,13 @@ class Daemon:
         return snapshot(self.agent, self._ports.clock_ns())
 
     def _stalled(self, now_ns: int) -> None:
-        """What queued up while the loop stood still would be taken for fresh: throw it away, it comes again."""
+        """What queued up while the loop stood still would be taken for fresh: throw it away, it comes again.
+
+        Not so the autopilot's: only in its own order does it tell whether the vehicle or a pilot changed the mode.
+        """
         for source in (self._ports.radio, self._ports.perception):
             while source.receive():
                 pass
-        self._ports.vehicle.drain(now_ns)
         self.counters.stalls += 1
         self.journal.warning("loop stood still", now_ns, seconds=(now_ns - self._stepped_ns) / NS_PER_S)
 
@@ -171,6 +182,8 @@ class Daemon:
             heard = self.agent.hear(data, now_ns)
             if heard.relay is not None:
                 relays.append(heard.relay)
+            if heard.outcome in _STRANGE:
+                self.journal.warning(_STRANGE[heard.outcome], now_ns)
             if self._ports.log is not None and self._worth_logging(heard.outcome):
                 self._ports.log.heard(self._robot_id, data, heard.outcome.value, now_ns)
         if relays:
@@ -200,6 +213,7 @@ class Daemon:
         vehicle = self._ports.vehicle
         state = vehicle.state(now_ns)
         self.agent.has_vehicle = usable(state, now_ns, self._settings.dry_run)
+        self._give_up(now_ns)
         decision = self.agent.decide(now_ns)
         decision = replace(decision, latency_ns=self._ports.clock_ns() - now_ns)
         wanted = to_command(self.agent.identity.kind, decision.assignment)
@@ -210,7 +224,20 @@ class Daemon:
         if self._ports.saver is not None and now_ns >= self._save_due_ns:
             self._save_due_ns = now_ns + self._settings.save_ns
             self._ports.saver.save_soon(self.state())
-        self._ports.published(self._snapshot(decision, state, now_ns))
+        snapshot = self._snapshot(decision, state, now_ns)
+        self._ports.published(snapshot)
+        if now_ns >= self._count_due_ns:
+            self._count_due_ns = now_ns + COUNTERS_NS
+            self.journal.note(f"counters {' '.join(f'{k}={v}' for k, v in snapshot.counters.items() if v)}", now_ns)
+
+    def _give_up(self, now_ns: int) -> None:
+        """A goal that the vehicle refuses or does not get nearer to is left to the others for a while."""
+        task = self.agent.task
+        if task.kind is not TaskKind.HOLD and self._ports.vehicle.failed():
+            self._shunned.failed(task.cell, now_ns)
+            self.counters.shunned += 1
+            self.journal.warning("vehicle cannot go there: giving it back", now_ns, x=task.cell[0], y=task.cell[1])
+        self.agent.shunned = self._shunned.cells(now_ns)
 
     def _send(self, own: Sequence[bytes], relays: Sequence[bytes], now_ns: int) -> None:
         for data in self.budget.admit(own, relays, now_ns):
@@ -230,7 +257,8 @@ class Daemon:
         reason = decision.assignment.reason
         stopped = {Reason.NO_PERCEPTION, Reason.NO_VEHICLE}
         if reason is not self._reason and {reason, self._reason} & stopped:
-            self.journal.warning(f"{'holding' if reason in stopped else 'going on'}: {reason.value}", now_ns)
+            say = self.journal.warning if reason in stopped else self.journal.info
+            say(f"{'holding' if reason in stopped else 'going on'}: {reason.value}", now_ns)
         self._reason = reason
 
     def _record(
@@ -287,10 +315,8 @@ class Daemon:
         ]
 
     def _all_counters(self) -> dict[str, int]:
-        counters = {
-            name: getattr(self.counters, name)
-            for name in ("ticks", "ticks_skipped", "stalls", "fallbacks", "late", "retasks", "held", "commands_changed")
-        }
+        counters = {name: getattr(self.counters, name) for name in self.counters.__slots__}
+        del counters["fallbacks_in_a_row"]  # goes up and down
         groups = (("link", self._ports.radio.counters), ("budget", self.budget.counters))
         counters |= {f"{group}_{name}": getattr(of, name) for group, of in groups for name in of.__slots__}
         counters |= {f"heard_{outcome.value}": count for outcome, count in self.agent.neighbors.counters.items()}

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import msgspec
 
-from gatar_edge.types import Decision, VehicleState
+from gatar_edge.types import NS_PER_S, Cell, Decision, VehicleState
 
 CRITICAL_AFTER = 3  # ticks in a row that the fallback had to decide: MAV_STATE_CRITICAL
 
@@ -93,7 +93,7 @@ class Counters:
     held: int = 0  # decisions to stand still for want of perception or vehicle
     commands_changed: int = 0  # by the safety gate
     fallbacks_in_a_row: int = 0
-    extra: dict[str, int] = field(default_factory=dict)
+    shunned: int = 0  # targets and frontiers given back because the vehicle could not go there
 
     def decided(self, decision: Decision) -> None:
         """Count one decision."""
@@ -112,7 +112,24 @@ class Counters:
         return self.fallbacks_in_a_row >= CRITICAL_AFTER
 
 
+@dataclass(slots=True)
+class Shunned:
+    """Cells that the vehicle could not reach: left alone for a minute, then tried again."""
+
+    forget_ns: int = 60 * NS_PER_S
+    _until_ns: dict[Cell, int] = field(default_factory=dict)
+
+    def failed(self, cell: Cell, now_ns: int) -> None:
+        """The vehicle could not go to `cell`."""
+        self._until_ns[cell] = now_ns + self.forget_ns
+
+    def cells(self, now_ns: int) -> frozenset[Cell]:
+        """What is to be left alone now."""
+        self._until_ns = {cell: until_ns for cell, until_ns in self._until_ns.items() if until_ns > now_ns}
+        return frozenset(self._until_ns)
+
+
 def usable(state: VehicleState, now_ns: int, shadow: bool, max_position_age_s: float = 1.0) -> bool:
     """Whether the robot may take part: the autopilot is heard, knows its place, and obeys (asked of none in shadow)."""
-    fresh = state.position_t_ns >= 0 and now_ns - state.position_t_ns <= max_position_age_s * 1e9
+    fresh = state.position_t_ns >= 0 and now_ns - state.position_t_ns <= max_position_age_s * NS_PER_S
     return state.connected and fresh and (state.ready or shadow)

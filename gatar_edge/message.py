@@ -26,6 +26,7 @@ import hashlib
 import hmac
 import struct
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -151,6 +152,7 @@ def open_envelope(data: bytes, key: bytes) -> Envelope:
     return Envelope(robot_id, seq, hops, _DIGEST.unpack_from(data, _DIGEST_AT)[0])
 
 
+@lru_cache(maxsize=512)  # a message is read by the table and the recorder, in a simulator by every robot in range
 def unpack(data: bytes) -> NeighborMessage:
     """The message in `data`, which `open_envelope` has verified. Raises MessageError for values nobody may send."""
     _, flags, hops, robot_id, seq, t_high, t_low, x, y, speed, task_x, task_y, cost, origin_x, origin_y, digest = (

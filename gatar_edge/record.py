@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import hashlib
 import logging
-from collections import defaultdict
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Literal
@@ -26,7 +25,8 @@ from gatar_edge import channels as ch
 from gatar_edge.errors import LogError
 from gatar_edge.logfile import RecordStream
 from gatar_edge.mavlink_frame import without_secrets
-from gatar_edge.record_items import EFFECTIVE, command_record, flat_cells, radio_item
+from gatar_edge.persist import SavedState
+from gatar_edge.record_items import RadioBuffers, agent_state, command_record, flat_cells
 from gatar_edge.types import (
     NS_PER_S,
     BoolGrid,
@@ -68,10 +68,10 @@ class Recorder:
         self._kinds = {robot["robot_id"]: RobotKind(robot["kind"]) for robot in run_info.get("robots", ())}
         self._topics: dict[tuple[str, int], int] = {}
         self._schemas: dict[str, int] = {}
-        self._radio: dict[int, list[ch.RadioItem]] = defaultdict(list)
+        self._radio = RadioBuffers()
         self._beliefs: dict[int, ByteGrid] = {}
         self._truth: ByteGrid | None = None
-        self._now_ns = now_ns
+        self._now_ns = self._polled_ns = now_ns
         self._due = dict.fromkeys((FLUSH_NS, SYNC_NS, STATIC_NS, RUN_INFO_NS), now_ns)
         try:
             self._stream = RecordStream(path)
@@ -105,17 +105,17 @@ class Recorder:
         )
         self._json(ch.OBSERVATION, record, max(self._now_ns, observation.t_ns), robot_id, observation.t_ns)
 
+    def takes_over(self, state: SavedState, now_ns: int) -> None:
+        """Beside `persist.restore`: what the agent starts with, where that is not nothing."""
+        self._json(ch.AGENT_STATE, agent_state(state), now_ns, state.robot_id)
+
     def heard(self, robot_id: int, datagram: bytes, outcome_name: str, now_ns: int) -> None:
         """Beside `Agent.hear`, with the value of the outcome. The bytes are kept where they had an effect."""
-        item = radio_item(datagram, ch.RadioWay.HEARD, outcome_name, now_ns, outcome_name in EFFECTIVE)
-        self._radio[robot_id].append(item)
+        self._radio[robot_id].heard(datagram, outcome_name, now_ns)
 
     def sent(self, robot_id: int, datagram: bytes, now_ns: int) -> None:
         """Beside `Agent.beacon`, and for each relay that is sent on."""
-        item = radio_item(datagram, ch.RadioWay.SENT, "", now_ns, keep=True)
-        if item.author != robot_id:
-            item = radio_item(datagram, ch.RadioWay.RELAYED, "", now_ns, keep=False)
-        self._radio[robot_id].append(item)
+        self._radio[robot_id].sent(datagram, now_ns)
 
     def decision(self, decision: Decision, wanted: VehicleCommand, sent: VehicleCommand, now_ns: int) -> None:
         """Beside `Agent.decide`: what was decided, wanted of the vehicle, and sent through the safety gate."""
@@ -188,6 +188,8 @@ class Recorder:
         """Write what is due: repeated state, flush, fsync. Call at least every half second."""
         if self.stopped:
             return
+        self.clock_steps_back += now_ns < self._polled_ns
+        self._polled_ns = now_ns
         if self._is_due(RUN_INFO_NS, now_ns):
             self._write(ch.RUN_INFO, self._run_info, now_ns)
         if self._is_due(STATIC_NS, now_ns):
@@ -239,9 +241,9 @@ class Recorder:
             self._stop(error)
 
     def _flush_radio(self, robot_id: int) -> None:
-        items = self._radio.pop(robot_id, None)
-        if items:
-            self._json(ch.RADIO, ch.RadioRecord(robot_id, items), items[-1].t_ns, robot_id, items[-1].t_ns)
+        buffer = self._radio.pop(robot_id, None)
+        if buffer is not None:
+            self._json(ch.RADIO, buffer.record(), self._now_ns, robot_id)
 
     def _json(self, channel: ch.Channel, record: Any, now_ns: int, robot_id: int = 0, source_ns: int = -1) -> None:
         if not self.stopped:
@@ -250,7 +252,6 @@ class Recorder:
     def _write(self, channel: ch.Channel, data: bytes, now_ns: int, robot_id: int = 0, source_ns: int = -1) -> None:
         if self.stopped:
             return
-        self.clock_steps_back += now_ns < self._now_ns
         self._now_ns = max(self._now_ns, now_ns)  # readers rely on a log time that never goes back
         self.messages += 1
         try:

@@ -4,14 +4,65 @@ from __future__ import annotations
 
 import base64
 import struct
+import zlib
+from collections import Counter
+from dataclasses import dataclass, field
 from typing import Any
 
 from gatar_edge import channels as ch
-from gatar_edge.errors import MessageError
+from gatar_edge.config import AgentConfig
+from gatar_edge.errors import LogError, MessageError
 from gatar_edge.message import unpack
-from gatar_edge.types import Cells, Goto, Hold, Mission, VehicleCommand
+from gatar_edge.persist import SavedState
+from gatar_edge.types import Cells, Goto, Hold, Mission, TaskKind, VehicleCommand
 
 EFFECTIVE = frozenset(("accepted", "nearer"))  # outcomes of a datagram that changed what a robot knows
+COMMONPLACE = frozenset(("duplicate", "own", "too_far"))  # outcomes that are only counted
+MAX_REFUSED = 20  # of one record: what a robot refuses must not fill its disk
+
+
+@dataclass(slots=True)
+class RadioBuffer:
+    """The datagrams of one robot that are not written yet."""
+
+    robot_id: int
+    items: list[ch.RadioItem] = field(default_factory=list)
+    ignored: Counter[str] = field(default_factory=Counter)
+    relayed: int = 0
+    relayed_bytes: int = 0
+    refused: int = 0
+
+    def heard(self, datagram: bytes, outcome: str, now_ns: int) -> None:
+        """One datagram that was heard, and what became of it."""
+        if outcome in EFFECTIVE:
+            self.items.append(radio_item(datagram, ch.RadioWay.HEARD, outcome, now_ns, keep=True))
+        elif outcome in COMMONPLACE or self.refused >= MAX_REFUSED:
+            self.ignored[outcome] += 1
+        else:
+            self.refused += 1
+            self.items.append(radio_item(datagram, ch.RadioWay.HEARD, outcome, now_ns, keep=False))
+
+    def sent(self, datagram: bytes, now_ns: int) -> None:
+        """One datagram that was sent: own, or another robot's passed on."""
+        item = radio_item(datagram, ch.RadioWay.SENT, "", now_ns, keep=True)
+        if item.author == self.robot_id:
+            self.items.append(item)
+        else:
+            self.relayed += 1
+            self.relayed_bytes += len(datagram)
+
+    def record(self) -> ch.RadioRecord:
+        """As the log holds it."""
+        return ch.RadioRecord(self.robot_id, self.items, dict(self.ignored), self.relayed, self.relayed_bytes)
+
+
+class RadioBuffers(dict[int, RadioBuffer]):
+    """The buffers of all robots, made when asked for."""
+
+    def __missing__(self, robot_id: int) -> RadioBuffer:
+        """An empty buffer, kept."""
+        self[robot_id] = RadioBuffer(robot_id)
+        return self[robot_id]
 
 
 def command_record(command: VehicleCommand) -> dict[str, Any]:
@@ -45,6 +96,44 @@ def radio_item(datagram: bytes, way: ch.RadioWay, outcome: str, now_ns: int, kee
         cost=message.cost,
         size=len(datagram),
         data=base64.b64encode(datagram).decode() if keep else "",
+    )
+
+
+def agent_state(state: SavedState) -> ch.AgentStateRecord:
+    """A saved state as the log holds it."""
+    return ch.AgentStateRecord(
+        robot_id=state.robot_id,
+        width=state.width,
+        height=state.height,
+        belief=base64.b64encode(zlib.compress(state.belief, 6)).decode(),
+        task_kind=TaskKind(state.task_kind),
+        task_cell=state.task_cell,
+        task_path=state.task_path,
+    )
+
+
+def saved_state(record: ch.AgentStateRecord, config: AgentConfig) -> SavedState:
+    """Inverse of `agent_state`. Raises LogError where the record does not fit the configuration."""
+    cells = record.width * record.height
+    if (record.width, record.height) != (config.grid.width, config.grid.height):
+        raise LogError(f"a recorded state is of {record.width} x {record.height} cells, the grid is not")
+    try:
+        belief = zlib.decompressobj().decompress(base64.b64decode(record.belief, validate=True), cells + 1)
+    except (zlib.error, ValueError) as error:
+        raise LogError(f"a recorded state is damaged: {error}") from error
+    if len(belief) != cells:
+        raise LogError(f"a recorded state has {len(belief)} cells, not {cells}")
+    return SavedState(
+        robot_id=record.robot_id,
+        config_digest=config.digest(),
+        unix_ns=0,
+        next_seq=0,
+        width=record.width,
+        height=record.height,
+        belief=belief,
+        task_kind=record.task_kind.value,
+        task_cell=record.task_cell,
+        task_path=record.task_path,
     )
 
 

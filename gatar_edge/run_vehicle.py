@@ -17,7 +17,7 @@ from gatar_edge.allocators.base import Negotiator
 from gatar_edge.bridge.driver import VehicleDriver
 from gatar_edge.bridge.link import Link, open_link
 from gatar_edge.daemon import POLL_NS, STOP_NS, Daemon, Ports, Settings
-from gatar_edge.deadline import Punctual, ThreadRunner
+from gatar_edge.deadline import ThreadRunner, punctual
 from gatar_edge.health import Snapshot
 from gatar_edge.journal import Journal
 from gatar_edge.perception import Perception
@@ -25,6 +25,7 @@ from gatar_edge.perception_link import PerceptionSocket
 from gatar_edge.persist import StateSaver, restore
 from gatar_edge.preflight import Prepared
 from gatar_edge.record import Recorder
+from gatar_edge.rotate import RotatingLog
 from gatar_edge.runinfo import describe_run
 from gatar_edge.transports.base import Transport
 from gatar_edge.transports.budget import ByteBudget
@@ -162,12 +163,14 @@ def opened(prepared: Prepared, clock_ns: Clock, *, dry_run: bool) -> Iterator[Pr
             watchers.append(http.published)
         saver = StateSaver(Path(config.state.file)) if config.state.file else None
         daemon = Daemon(
-            _make_agent(prepared, journal, clock_ns()),
+            _make_agent(prepared, journal, log, clock_ns()),
             Perception(config.robot.id, config.kind, config.grid_spec),
             ByteBudget(config.net.bytes_per_s, sends=radio.sends),
             Ports(radio, perception, vehicle, clock_ns, log, saver, _to_all(watchers)),
             _settings(config, dry_run=dry_run),
         )
+        if log is not None:
+            log.carry = daemon.state
         if saver is not None:
             stack.callback(saver.close)
             stack.callback(lambda: saver.save_soon(daemon.state()))  # runs before close
@@ -194,7 +197,7 @@ def _vehicle(
     prepared: Prepared,
     link: Link,
     journal: Journal,
-    log: Recorder | None,
+    log: RotatingLog | None,
     now_ns: int,
     *,
     dry_run: bool,
@@ -216,24 +219,22 @@ def _settings(config: VehicleConfig, *, dry_run: bool) -> Settings:
     )
 
 
-def _make_agent(prepared: Prepared, journal: Journal, now_ns: int) -> Agent:
-    allocator = prepared.allocator
-    if not isinstance(allocator, Negotiator):  # one that talks is asked and told between ticks, and takes no time
-        allocator = Punctual(allocator, prepared.config.loop.deadline_ms / 1000, ThreadRunner())
+def _make_agent(prepared: Prepared, journal: Journal, log: RotatingLog | None, now_ns: int) -> Agent:
+    allocator = punctual(prepared.allocator, prepared.config.loop.deadline_ms / 1000, ThreadRunner())
     agent = Agent(prepared.identity, prepared.config.agent, allocator, prepared.key, prepared.seq)
     restored = prepared.restored
     journal.info("saved state", now_ns, outcome=restored.outcome.value, next_seq=prepared.seq)
     if restored.state is not None:
         restore(agent, restored.state)
+        if log is not None:
+            log.takes_over(restored.state, now_ns)
     return agent
 
 
-def _open_log(prepared: Prepared, now_ns: int) -> Recorder | None:
+def _open_log(prepared: Prepared, now_ns: int) -> RotatingLog | None:
     config = prepared.config
     if not config.log.folder:
         return None
-    stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime(now_ns / NS_PER_S))
-    path = Path(config.log.folder) / f"{config.kind.name.lower()}{config.robot.id}-{stamp}Z.mcap"
     info = describe_run(
         config.agent,
         [prepared.identity],
@@ -242,7 +243,20 @@ def _open_log(prepared: Prepared, now_ns: int) -> Recorder | None:
         first_seqs={config.robot.id: prepared.seq},
         extra={"simulated": False, "restored": prepared.restored.outcome.value},
     )
-    return Recorder(path, info, now_ns)
+
+    def open_file(now_ns: int) -> Recorder:
+        return Recorder(_log_path(config, now_ns), info, now_ns)
+
+    return RotatingLog(open_file, int(config.log.rotate_min * 60 * NS_PER_S), now_ns)
+
+
+def _log_path(config: VehicleConfig, now_ns: int) -> Path:
+    """A name that sorts by robot and time, and of no file that exists: a restart within a second is another run."""
+    stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime(now_ns / NS_PER_S))
+    name = f"{config.kind.name.lower()}{config.robot.id}-{stamp}"
+    folder = Path(config.log.folder)
+    taken = sum(1 for _ in folder.glob(f"{name}*.mcap"))
+    return folder / (f"{name}Z-{taken}.mcap" if taken else f"{name}Z.mcap")
 
 
 def _to_all(watchers: Sequence[Callable[[Snapshot], None]]) -> Callable[[Snapshot], None]:

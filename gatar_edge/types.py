@@ -61,6 +61,7 @@ class Reason(StrEnum):
 
     ALLOCATED = "allocated"  # the allocator's choice, new at this tick
     KEPT = "kept"  # the task of the tick before still holds
+    ABANDONED = "abandoned"  # nothing else to do, and nobody else is on the way to this target
     FRONTIER = "frontier"  # no target for this robot: go and see
     NOTHING_LEFT = "nothing_left"  # no target and nothing reachable left to see
     NO_PERCEPTION = "no_perception"  # own observation missing or too old
@@ -149,6 +150,7 @@ class Decision:
     candidates: tuple[Candidate, ...]
     choices: tuple[int, ...]  # index of the candidate the joint solution gives to each robot, -1 for none
     attention: tuple[float, ...] = ()  # over the robots of the graph, where the allocator has it
+    shunned: tuple[Cell, ...] = ()  # cells that the vehicle could not reach lately, taken as unreachable for ego
     latency_ns: int = 0  # measured by the caller; not part of the decision's digest
 
 

@@ -20,6 +20,7 @@ from gatar_edge.types import GridSpec, RobotKind
 
 MAX_CONFIG_BYTES = 1_000_000
 
+_AGENT = AgentConfig()
 _Side = Annotated[int, Meta(ge=1, le=1024)]
 _Latitude = Annotated[float, Meta(ge=-89, le=89)]
 _Longitude = Annotated[float, Meta(ge=-180, le=180)]
@@ -50,16 +51,16 @@ class GridSection(_Section, frozen=True, kw_only=True):
 
 
 class TeamSection(_Section, frozen=True, kw_only=True):
-    """What else all robots of the team must agree on: the fields of `config.AgentConfig`."""
+    """What else all robots of the team must agree on: the fields of `config.AgentConfig`, with its defaults."""
 
-    r_sense: _Positive = 4.0
-    r_comm: _Positive = 6.0
-    hop_limit: Annotated[int, Meta(ge=1, le=8)] = 2
-    max_age_s: _Positive = 3.0
-    perception_max_age_s: _Positive = 3.0
-    keep_task: bool = False
-    max_neighbors: Annotated[int, Meta(ge=1, le=63)] = 63
-    max_candidates: Annotated[int, Meta(ge=1, le=1024)] = 64
+    r_sense: _Positive = _AGENT.r_sense
+    r_comm: _Positive = _AGENT.r_comm
+    hop_limit: Annotated[int, Meta(ge=1, le=8)] = _AGENT.hop_limit
+    max_age_s: _Positive = _AGENT.max_age_s
+    perception_max_age_s: _Positive = _AGENT.perception_max_age_s
+    keep_task: bool = _AGENT.keep_task
+    max_neighbors: Annotated[int, Meta(ge=1, le=63)] = _AGENT.max_neighbors
+    max_candidates: Annotated[int, Meta(ge=1, le=1024)] = _AGENT.max_candidates
 
 
 class ModelSection(_Section, frozen=True, kw_only=True):
@@ -129,13 +130,14 @@ class LoopSection(_Section, frozen=True, kw_only=True):
 class LogSection(_Section, frozen=True, kw_only=True):
     """The mission log."""
 
-    folder: str = "logs"  # one file a run, named by robot and time; empty: no log
+    folder: str = "logs"  # files named by robot and time; empty: no log
+    rotate_min: Annotated[float, Meta(ge=1, le=1440)] = 60.0  # begin another file after this long
 
 
 class StateSection(_Section, frozen=True, kw_only=True):
     """What survives a crash."""
 
-    file: str = "state.bin"
+    file: str = "state-{id}.bin"  # {id}: the robot's; empty: none
     period_s: Annotated[float, Meta(ge=0.1, le=60)] = 1.0
     max_age_s: Annotated[float, Meta(ge=0, le=86_400)] = 600.0  # older knowledge is of another mission
 
@@ -221,7 +223,7 @@ def _resolved(config: VehicleConfig, folder: Path) -> VehicleConfig:
         model=replace(config.model, file=at(config.model.file)),
         net=replace(config.net, key_file=at(config.net.key_file), zenoh_config=at(config.net.zenoh_config)),
         log=replace(config.log, folder=at(config.log.folder)),
-        state=replace(config.state, file=at(config.state.file)),
+        state=replace(config.state, file=at(config.state.file.replace("{id}", str(config.robot.id)))),
     )
 
 

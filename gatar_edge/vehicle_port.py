@@ -6,11 +6,13 @@ from collections.abc import Callable
 from typing import Literal, Protocol
 
 from gatar_edge.bridge.driver import VehicleDriver
+from gatar_edge.bridge.safety import Refusal
 from gatar_edge.bridge.status import EventKind, Status
 from gatar_edge.journal import Journal
-from gatar_edge.types import VehicleCommand, VehicleState
+from gatar_edge.types import Hold, VehicleCommand, VehicleState
 
 _QUIET = {EventKind.COMMAND, EventKind.STATUS, EventKind.RATES}  # in the log alone, not in the journal
+_ELSEWHERE = {Refusal.OUTSIDE_FENCE.value, Refusal.OUTSIDE_GRID.value}  # refusals that hold for this goal alone
 STANDS_M_S = 0.3
 
 
@@ -46,6 +48,7 @@ class AutopilotPort:
         self._log = log
         self._launch_when_armed = launch_when_armed
         self._tap = tap
+        self._outside = False
 
     def receive(self, now_ns: int) -> None:
         """Take in what the autopilot sent."""
@@ -54,14 +57,15 @@ class AutopilotPort:
             if self._tap is not None:
                 self._tap(data)
 
-    def drain(self, now_ns: int) -> None:
-        """Throw away what is too old to be believed; the autopilot repeats all that matters."""
-        while self._link.receive():
-            pass
-
     def command(self, wanted: VehicleCommand, now_ns: int) -> VehicleCommand:
         """Want this from now on; returns what passed the safety gate."""
-        return self.driver.command(wanted, now_ns)
+        sent = self.driver.command(wanted, now_ns)
+        self._outside = isinstance(sent, Hold) and sent.reason in _ELSEWHERE
+        return sent
+
+    def failed(self) -> bool:
+        """Whether the vehicle cannot go where it was last told to: that goal is another robot's."""
+        return self._outside or self.driver.status.failed
 
     def poll(self, now_ns: int) -> None:
         """Send what is due: heartbeat, requests, retries; log what went both ways."""

@@ -6,15 +6,15 @@ changes float sums, and every robot of a graph must break ties alike.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from gatar_edge.belief import known_targets
 from gatar_edge.grid import UNREACHABLE, passable, path_lengths
-from gatar_edge.types import ByteGrid, Cells, IntGrid, RobotKind, RobotState
+from gatar_edge.types import ByteGrid, Cell, Cells, IntGrid, RobotKind, RobotState
 
 Hops = npt.NDArray[np.int8]
 
@@ -52,6 +52,15 @@ def build_view(
         targets = targets[np.sort(nearest)]
     lengths = distances[:, targets[:, 0], targets[:, 1]]
     return View(now_ns, robots, hop_counts(robots, r_comm, hop_limit), belief, targets, distances, lengths)
+
+
+def without(view: View, cells: Iterable[Cell]) -> View:
+    """The view with `cells` unreachable for ego: its vehicle could not go there, whatever the map says."""
+    distances, lengths = view.distances.copy(), view.lengths.copy()
+    for cell in cells:
+        distances[0, cell[0], cell[1]] = UNREACHABLE
+        lengths[0, (view.targets == cell).all(axis=1)] = UNREACHABLE
+    return replace(view, distances=distances, lengths=lengths)
 
 
 def hop_counts(robots: Sequence[RobotState], r_comm: float, hop_limit: int) -> Hops:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from gatar_edge.sim_sitl.core import Core
-from gatar_edge.sim_sitl.mission_items import TAKEOFF, Ack, Item, check_ardupilot, stored_by_ardupilot
+from gatar_edge.sim_sitl.mission_items import NAV_LAST, TAKEOFF, Ack, Item, check_ardupilot, stored_by_ardupilot
 from gatar_edge.sim_sitl.mission_runner import ACTIVE, COMPLETE, NO_MISSION, NOT_STARTED, Runner
 from gatar_edge.sim_sitl.mission_server import Rules
 from gatar_edge.sim_sitl.modes import Does, by_name
@@ -73,7 +73,7 @@ class ArduRunner(Runner):
     def done(self) -> None:
         core, seq = self.core, self.index
         item = self.leg
-        if item is not None and item.command in _ITEM_NAMES:
+        if item is not None and item.command <= NAV_LAST:
             core.emit("MISSION_ITEM_REACHED", seq=seq)
             if item.command != TAKEOFF:
                 core.text(6, f"Reached command #{seq}" if core.is_copter else f"Reached waypoint #{seq}")

@@ -42,23 +42,20 @@ class Body:
 
     def step(self, now_ns: int) -> None:
         """Physics up to now."""
-        before = self.autopilot.truth
+        before = self.autopilot.place_m
         self.autopilot.step(now_ns)
-        after = self.autopilot.truth
-        self.travelled_m += math.hypot(after.east_m - before.east_m, after.north_m - before.north_m)
+        self.travelled_m += math.dist(before, self.autopilot.place_m)
 
     @property
     def cell(self) -> Cell:
         """Where the vehicle really is; a vehicle outside the grid counts as in the nearest cell of it."""
-        truth = self.autopilot.truth
-        x, y = self._cell_at(truth.east_m, truth.north_m)
+        x, y = self._cell_at(*self.autopilot.place_m)
         return min(max(x, 0), self._grid.width - 1), min(max(y, 0), self._grid.height - 1)
 
     @property
     def xy(self) -> tuple[float, float]:
         """Where the vehicle really is, in cells; whole numbers at the centres."""
-        truth = self.autopilot.truth
-        x_m, y_m = self._grid_m(truth.east_m, truth.north_m)
+        x_m, y_m = self._grid_m(*self.autopilot.place_m)
         return x_m / self._grid.cell_m - 0.5, y_m / self._grid.cell_m - 0.5
 
     def _grid_m(self, east_m: float, north_m: float) -> tuple[float, float]:

@@ -140,7 +140,8 @@ class Fence:
         return math.hypot(east_m - home.east_m, north_m - home.north_m) > self._stop_m
 
     def _watch(self, core: Core) -> None:
-        outside = self._outside(core.body.east_m, core.body.north_m, core.body.up_m)
+        body = core.body
+        outside = self._outside(body.east_m, body.north_m, body.up_m)
         if outside == self._breached:
             return
         self._breached = outside
@@ -148,7 +149,8 @@ class Fence:
             core.text(5, "Fence breach cleared")
             return
         self.breaches += 1
-        core.text(5, "Fence breached")
+        circle = self._types & _CIRCLE and self._outside(body.east_m, body.north_m, core.home.up_m)
+        core.text(5, "Circle fence breached" if circle else "Max Alt fence breached")
         core.emit(
             "FENCE_STATUS",
             breach_status=1, breach_count=self.breaches, breach_type=3, breach_time=core.uptime_ms, breach_mitigation=1,

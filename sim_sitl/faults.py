@@ -28,6 +28,11 @@ class LinkFaults:
     delay_min_ns: int = 0
     delay_max_ns: int = 0
 
+    @property
+    def none(self) -> bool:
+        """Whether everything arrives at once."""
+        return not (self.loss or self.duplicate or self.reorder or self.delay_max_ns)
+
     def __post_init__(self) -> None:
         """Refuse what is no probability or no delay."""
         for name in ("loss", "duplicate", "reorder"):
@@ -61,17 +66,17 @@ Receiver = TypeVar("Receiver")
 class Lane:
     """One direction of one link: decides when a datagram arrives, and how often."""
 
-    __slots__ = ("_faults", "_flawless", "_last_ns", "_rng")
+    __slots__ = ("_faults", "_last_ns", "_perfect", "_rng")
 
     def __init__(self, faults: LinkFaults, key: str) -> None:
         self._faults = faults
-        self._flawless = faults == LinkFaults()
+        self._perfect = faults.none
         self._rng = random.Random(key)  # of its own: traffic elsewhere changes nothing here
         self._last_ns = 0
 
     def arrivals(self, now_ns: int) -> list[int]:
         """When a datagram sent now arrives: never, once or twice."""
-        if self._flawless:
+        if self._perfect:
             return [now_ns]
         faults, rng = self._faults, self._rng
         # Always the same number of draws, so that one fault does not shift all later ones.

@@ -129,6 +129,7 @@ class Fleet:
         self.tally = Tally(config.world, self.robots[0].agent.allocator.name)
         self.began_ns: int | None = None  # when the launch was over
         self._by_id = {robot.robot_id: robot for robot in self.robots}
+        self.now_ns = 0
         self._next_tick_ns = 0
         self._launch_m: dict[int, float] = {}
 
@@ -140,11 +141,11 @@ class Fleet:
     @property
     def step(self) -> float:
         """The mission's time in steps."""
-        return 0.0 if self.began_ns is None else (self._now_ns - self.began_ns) / self.config.step_ns
+        return 0.0 if self.began_ns is None else (self.now_ns - self.began_ns) / self.config.step_ns
 
     def advance(self, now_ns: int) -> None:
         """Let the world go on up to `now_ns`; the minds tick when their time has come."""
-        self._now_ns = now_ns
+        self.now_ns = now_ns
         for data in self.gateway.receive() if self.gateway is not None else ():
             for robot in self.robots:
                 robot.body.autopilot.receive(data, now_ns)
@@ -168,9 +169,10 @@ class Fleet:
 
     def result(self) -> Result:
         """The mission's figures."""
+        self.tally.distance = {"UAV": 0.0, "UGV": 0.0}
         for robot in self.robots:
             flown_m = robot.body.travelled_m - self._launch_m.get(robot.robot_id, 0.0)
-            self.tally.distance[robot.kind.name] += flown_m / self.config.agent.grid.cell_m
+            self.tally.travel(robot.kind, flown_m / self.config.agent.grid.cell_m)
         return self.tally.result(self.step)
 
     def _launched(self, now_ns: int) -> bool:
@@ -180,10 +182,10 @@ class Fleet:
     def _die(self) -> None:
         assert self.began_ns is not None
         for robot in self.robots:
-            if robot.alive and self.config.faults.killed(robot.robot_id, self._now_ns - self.began_ns):
+            if robot.alive and self.config.faults.killed(robot.robot_id, self.now_ns - self.began_ns):
                 robot.alive = False
                 if self.log is not None:
-                    self.log.text(Level.WARNING, robot.robot_id, "killed by the scenario", self._now_ns)
+                    self.log.text(Level.WARNING, robot.robot_id, "killed by the scenario", self.now_ns)
 
     def _positions(self) -> dict[int, Cell]:
         return {robot.robot_id: robot.body.cell for robot in self.robots if robot.alive}

@@ -11,6 +11,7 @@ from gatar_edge.sim_sitl.wire import Message
 
 WAYPOINT, LOITER_UNLIM, LOITER_TIME, RTL, LAND, TAKEOFF, DELAY, JUMP, SPEED = 16, 17, 19, 20, 21, 22, 93, 177, 178
 COMMANDS = frozenset({WAYPOINT, LOITER_UNLIM, LOITER_TIME, RTL, LAND, TAKEOFF, DELAY, JUMP, SPEED})
+NAV_LAST = 95  # MAV_CMD_NAV_LAST: only items up to here are reported as reached
 PLACES = frozenset({WAYPOINT, LOITER_UNLIM, LOITER_TIME, LAND, TAKEOFF})
 # Frames whose altitude is above mean sea level; the other accepted ones are above home.
 AMSL_FRAMES = frozenset({0, 5})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gatar_edge.sim_sitl.core import Core
-from gatar_edge.sim_sitl.mission_items import Ack, Item, check_px4, stored_by_px4
+from gatar_edge.sim_sitl.mission_items import NAV_LAST, Ack, Item, check_px4, stored_by_px4
 from gatar_edge.sim_sitl.mission_runner import ACTIVE, COMPLETE, NO_MISSION, NOT_STARTED, Runner
 from gatar_edge.sim_sitl.mission_server import Rules
 from gatar_edge.sim_sitl.modes import Does, by_name
@@ -66,8 +66,9 @@ class Px4Runner(Runner):
 
     def done(self) -> None:
         core, seq = self.core, self.index
-        core.emit("MISSION_ITEM_REACHED", seq=seq)
-        self._repeat = (seq, _REPEATS - 1, core.now_ns + NS_PER_S)
+        if self.leg is not None and self.leg.command <= NAV_LAST:
+            core.emit("MISSION_ITEM_REACHED", seq=seq)
+            self._repeat = (seq, _REPEATS - 1, core.now_ns + NS_PER_S)
         following = self.following()
         if following < len(self.items):
             self._fly(following)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from gatar_edge.sim_sitl.autopilot import AutopilotConfig, SimAutopilot
+from gatar_edge.sim_sitl.geodesy import LocalFrame
 from gatar_edge.sim_sitl.wire import mavlink
 from gatar_edge.types import NS_PER_S
 
@@ -30,6 +31,7 @@ class Client:
         self.now_ns = 0
         self.vehicle = SimAutopilot(config, 0, **kwargs)
         self.target = config.sysid
+        self._frame = LocalFrame(config.home_lat_deg, config.home_lon_deg)
         self._out = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=compid)
         self._in = mavlink.MAVLink(None)
         self.log: list[Any] = []
@@ -97,7 +99,7 @@ class Client:
 
     def place(self, east_m: float, north_m: float, z: float = 0.0) -> tuple[float, float, float]:
         """A point near home."""
-        lat, lon = self.vehicle._core.frame.geodetic(east_m, north_m)
+        lat, lon = self._frame.geodetic(east_m, north_m)
         return lat, lon, z
 
 

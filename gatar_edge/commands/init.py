@@ -67,10 +67,11 @@ listen = {perception}  # or "unix:/run/gatar/perception.sock"; format: docs/obse
 # deadline_ms = 100.0      # for the model; then greedy decides
 
 [log]
-folder = "logs"            # one file a run; "" for none
+folder = "logs"            # one file a run and hour; "" for none
+# rotate_min = 60.0
 
 [state]
-file = "state.bin"         # belief, task and message sequence: a restarted daemon goes on where it was
+file = "state-{id}.bin"       # belief, task and message sequence: a restarted daemon goes on where it was
 # max_age_s = 600.0        # older knowledge is of another mission
 
 [watch]

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 LOG = click.argument("log", type=click.Path(path_type=Path), metavar="LOG.mcap")
+AS_JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -24,7 +25,7 @@ def command() -> None:
 
 @command.command()
 @LOG
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@AS_JSON
 def info(log: Path, as_json: bool) -> None:
     """Say what a log holds, how the mission went, and whether the recording is sound.
 
@@ -35,6 +36,7 @@ def info(log: Path, as_json: bool) -> None:
     from gatar_edge.review.info import read_figures
     from gatar_edge.review.reader import LogReader
     from gatar_edge.review.summary import summarize
+    from gatar_edge.review.tables import print_summary
 
     reader = LogReader(log)
     figures = read_figures(reader)
@@ -42,8 +44,6 @@ def info(log: Path, as_json: bool) -> None:
     if as_json:
         _print_json(summary)
     else:
-        from gatar_edge.review.tables import print_summary
-
         print_summary(log, summary)
 
 
@@ -65,6 +65,139 @@ def report(log: Path, output: Path | None, compare: Path | None) -> None:
 
     path = write_report(log, output or log.with_suffix(".html"), compare)
     click.echo(f"{path} ({path.stat().st_size / 1e6:.1f} MB): open it in a browser")
+
+
+@command.command()
+@LOG
+@click.option("--robot", type=int, required=True, help="Number of the robot.")
+@click.option("--t", "t_s", type=float, required=True, help="Seconds since the mission's first decision.")
+@AS_JSON
+def explain(log: Path, robot: int, t_s: float, as_json: bool) -> None:
+    """Say why a robot did what it did: what it knew, whom it heard, the candidates, and why this one.
+
+    \b
+    Example:
+      gatar log explain mission.mcap --robot 3 --t 41.2
+    """
+    from gatar_edge.review.explain import words
+    from gatar_edge.review.moment import explain_at
+    from gatar_edge.review.reader import LogReader
+
+    explanation = explain_at(LogReader(log), robot, t_s)
+    if as_json:
+        _print_json(explanation)
+        return
+    click.echo(f"At {explanation['t_s']:.1f} s (tick {explanation['tick']}):")
+    click.echo("\n".join(words(explanation)))
+    if explanation["since"] is not None:
+        click.echo(f"\nIt took this task at {explanation['since']['t_s']:.1f} s (tick {explanation['since']['tick']}):")
+        click.echo("\n".join(words(explanation["since"])))
+
+
+@command.command()
+@LOG
+@click.option("--allocator", help="Ask another allocator what it would have done at each recorded moment.")
+@click.option("--model", type=click.Path(path_type=Path), help="Ask another model; or name the one that flew.")
+@click.option("--key", type=click.Path(path_type=Path), help="The team's key: verify signatures, too.")
+@AS_JSON
+@click.pass_context
+def replay(
+    ctx: click.Context, log: Path, allocator: str | None, model: Path | None, key: Path | None, as_json: bool
+) -> None:
+    """Run the same agents on the recorded inputs: do they decide the same? Exit code 1 where they do not.
+
+    \b
+    Example:
+      gatar log replay mission.mcap
+      gatar log replay mission.mcap --allocator greedy
+    """
+    from gatar_edge.keys import read_key
+    from gatar_edge.review.models import allocator_for
+    from gatar_edge.review.reader import LogReader
+    from gatar_edge.review.replay import Replay
+
+    reader = LogReader(log)
+    make, otherwise = allocator_for(reader.run_info(), allocator, model)
+    result = Replay(make, otherwise=otherwise, key=None if key is None else read_key(key)).run(reader)
+    if as_json:
+        _print_json(result.to_json())
+    else:
+        from gatar_edge.review.tables import replay_lines
+
+        click.echo("\n".join(replay_lines(result.to_json(), allocator or (str(model) if otherwise else ""))))
+    if not (result.same or otherwise):
+        ctx.exit(1)
+
+
+@command.command()
+@LOG
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="LOG.recovered.mcap if not given.")
+@AS_JSON
+def recover(log: Path, output: Path | None, as_json: bool) -> None:
+    """Save what can be read of a damaged or unfinished log into a complete one, and say what was lost.
+
+    \b
+    Example:
+      gatar log recover crashed.mcap -o saved.mcap
+    """
+    from gatar_edge.review.recover import recover as save
+
+    target = output or log.with_suffix(".recovered.mcap")
+    result = save(log, target).to_json()
+    if as_json:
+        _print_json(result)
+        return
+    click.echo(f"{target}: {result['recovered']} messages of {result['duration_s']:.1f} s")
+    for place in result["damage"]:
+        click.echo(f"damage at byte {place['byte']}: {place['why']}")
+    click.echo(f"lost at most {result['lost_s']:.1f} s" if result["lost_s"] else "nothing was lost")
+
+
+@command.command()
+@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG.mcap...")
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="The merged log.")
+@AS_JSON
+def merge(logs: tuple[Path, ...], output: Path, as_json: bool) -> None:
+    """Put the logs of several robots on one time line. Clock offsets come from the messages that they heard.
+
+    \b
+    Example:
+      gatar log merge uav1.mcap uav2.mcap ugv3.mcap -o team.mcap
+    """
+    from gatar_edge.review.merge import merge as join
+
+    result = join(logs, output).to_json()
+    if as_json:
+        _print_json(result)
+        return
+    click.echo(f"{output}: {result['messages']} messages")
+    for name, offset_s in result["offsets_s"].items():
+        unplaced = " (heard nobody both ways: taken as it is)" if name in result["unplaced"] else ""
+        click.echo(f"{name}: {offset_s:+.6f} s{unplaced}")
+
+
+@command.command()
+@LOG
+@click.option("--csv", "csv_folder", type=click.Path(path_type=Path), help="Write tables into this folder.")
+@click.option("--tlog", "tlog_folder", type=click.Path(path_type=Path), help="Write one MAVLink .tlog a robot.")
+def export(log: Path, csv_folder: Path | None, tlog_folder: Path | None) -> None:
+    """Write a log as tables, or its MAVLink frames as telemetry logs.
+
+    \b
+    Example:
+      gatar log export mission.mcap --csv tables/ --tlog telemetry/
+    """
+    from gatar_edge.errors import ConfigError
+    from gatar_edge.review.export import export_csv, export_tlog
+    from gatar_edge.review.reader import LogReader
+
+    if csv_folder is None and tlog_folder is None:
+        raise ConfigError("nothing to export: give --csv FOLDER, --tlog FOLDER or both")
+    reader = LogReader(log)
+    for folder, write in ((csv_folder, export_csv), (tlog_folder, export_tlog)):
+        if folder is not None:
+            for name, count in write(reader, folder).items():
+                click.echo(f"{folder / name}: {count}")
 
 
 def _print_json(value: Any) -> None:

@@ -92,15 +92,15 @@ def command(as_json: bool, log_path: Path | None, out: Path | None, **options: A
 def fleet_config(
     *,
     team: str,
-    targets: int | None,
-    size: int,
     seed: int,
-    r_sense: float,
-    r_comm: float,
-    stack: str,
-    loss: float,
-    telemetry_loss: float,
-    max_steps: int,
+    targets: int | None = None,
+    size: int = 15,
+    r_sense: float = 4.0,
+    r_comm: float = 6.0,
+    stack: str = "ardupilot",
+    loss: float = 0.0,
+    telemetry_loss: float = 0.0,
+    max_steps: int = 500,
 ) -> FleetConfig:
     """The mission that the options describe. Raises ConfigError and WorldError."""
     from gatar_edge.config import AgentConfig
@@ -144,8 +144,11 @@ def open_fleet(
 
     factory = factory_of(allocator)
     log = Recorder(log_path, run_info(config, allocator), 0) if log_path is not None else None
+    fleet = Fleet(config, factory, log, gateway)
     try:
-        yield Fleet(config, factory, log, gateway)
+        yield fleet
+        if log is not None:
+            log.result(fleet.result().to_json(), fleet.now_ns)
     finally:
         if log is not None:
             log.close()

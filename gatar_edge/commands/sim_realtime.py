@@ -119,10 +119,7 @@ def write_configurations(config: FleetConfig, allocator: str, vehicles_port: int
             "http": "",
         }
         path = folder / f"robot{robot_id}.toml"
-        path.write_text(
-            configuration(
-                path.name, grid.origin_lat_deg, grid.origin_lon_deg, grid.width, grid.height, "team.key", options
-            )
-        )
+        corner, sides = (grid.origin_lat_deg, grid.origin_lon_deg), (grid.width, grid.height)
+        path.write_text(configuration(path.name, corner, sides, "team.key", options))
         paths.append(path)
     return paths

@@ -18,6 +18,7 @@ _REASONS = {
     "kept": "It keeps its task: the target is still open, reachable, and claimed by nobody who is nearer.",
     "frontier": "No open target is left for it, so it goes to see the nearest unknown cell that nobody else covers.",
     "nothing_left": "No target and nothing reachable to look at is left, so it stays where it is.",
+    "no_vehicle": "Its vehicle cannot be commanded: link or position lost, or the pilot has taken over.",
     "no_perception": "Its own perception is missing or too old, so it stays where it is.",
 }
 

@@ -11,7 +11,7 @@ import msgspec
 
 from gatar_edge import channels as ch
 from gatar_edge import foxglove
-from gatar_edge.review.reader import Entry, LogReader, decoder, json_object
+from gatar_edge.review.reader import Entry, LogReader, Tally, decoder, json_object
 from gatar_edge.types import NS_PER_S, Cell, CellState
 
 GAP_PERIODS = 5  # a robot silent for this many of its own periods has a gap
@@ -51,6 +51,7 @@ class RadioBrief(msgspec.Struct):
     t_ns: int
     way: str
     outcome: str = ""
+    author: int = -1
     sent_ms: int = -1
     size: int = 0
     hops: int = -1
@@ -61,6 +62,9 @@ class RadioBriefs(msgspec.Struct):
 
     robot_id: int
     items: list[RadioBrief]
+    ignored: dict[str, int] = {}
+    relayed: int = 0
+    relayed_bytes: int = 0
 
 
 @dataclass(slots=True)
@@ -138,27 +142,28 @@ MAX_WARNINGS = 50
 
 def read_figures(log: LogReader) -> Figures:
     """Count through a whole log. Raises LogError where it cannot be read."""
-    figures = Figures()
-    for entry in log.messages():
-        _count(figures, entry)
-        handler = _HANDLERS.get(entry.channel.topic)
-        if handler is not None:
-            handler(figures, entry)
+    figures, tally = Figures(), Tally()
+    for entry in log.messages(lambda channel, _: channel.topic in _HANDLERS, tally):
+        if figures.first_ns < 0:
+            figures.first_ns = tally.first_ns
+        _HANDLERS[entry.channel.topic](figures, entry)
+    figures.first_ns, figures.last_ns, figures.not_in_order = tally.first_ns, tally.last_ns, tally.not_in_order
+    for number, count in tally.counts.items():
+        topic = log.topic_of(number)
+        if topic:
+            figures.messages[topic] += count
+            figures.bytes[topic] += tally.payload(number)
     return figures
 
 
-def _count(figures: Figures, entry: Entry) -> None:
-    figures.messages[entry.channel.topic] += 1
-    figures.bytes[entry.channel.topic] += len(entry.data)
-    figures.not_in_order += entry.log_ns < figures.last_ns
-    figures.last_ns = max(figures.last_ns, entry.log_ns)
-    if figures.first_ns < 0:
-        figures.first_ns = entry.log_ns
-
-
 def _on_run_info(figures: Figures, entry: Entry) -> None:
+    info = json_object(entry.data)
     if not figures.run_info:
-        figures.run_info = json_object(entry.data)
+        figures.run_info = info
+        return
+    robots = figures.run_info.setdefault("robots", [])  # a merged log holds the run infos of several robots
+    known = {robot["robot_id"] for robot in robots}
+    robots.extend(robot for robot in info.get("robots", ()) if robot["robot_id"] not in known)
 
 
 def _on_result(figures: Figures, entry: Entry) -> None:
@@ -169,10 +174,10 @@ def _on_decision(figures: Figures, entry: Entry) -> None:
     decision: DecisionBrief = _brief(entry.data).decision
     robot = figures.robots[entry.robot_id]
     if robot.last_ns >= 0:
-        robot.longest_gap_ns = max(robot.longest_gap_ns, decision.t_ns - robot.last_ns)
+        robot.longest_gap_ns = max(robot.longest_gap_ns, entry.log_ns - robot.last_ns)
     else:
-        robot.first_ns = decision.t_ns
-    robot.last_ns = decision.t_ns
+        robot.first_ns = entry.log_ns
+    robot.last_ns = entry.log_ns
     if robot.cell is not None and robot.cell != (-1, -1):
         robot.distance += abs(decision.cell[0] - robot.cell[0]) + abs(decision.cell[1] - robot.cell[1])
     robot.cell = decision.cell
@@ -185,7 +190,11 @@ def _on_decision(figures: Figures, entry: Entry) -> None:
 
 def _on_radio(figures: Figures, entry: Entry) -> None:
     robot = figures.robots[entry.robot_id]
-    for item in _radio(entry.data).items:
+    record: RadioBriefs = _radio(entry.data)
+    robot.heard.update(record.ignored)
+    robot.messages += record.relayed
+    robot.message_bytes += record.relayed_bytes
+    for item in record.items:
         if item.way == ch.RadioWay.HEARD.value:
             robot.heard[item.outcome] += 1
             if item.outcome == "accepted":

@@ -16,7 +16,7 @@ import numpy as np
 from gatar_edge import channels as ch
 from gatar_edge import foxglove
 from gatar_edge.review.explain import Json, explain
-from gatar_edge.review.info import Figures, read_figures
+from gatar_edge.review.info import Figures, RadioBriefs, read_figures
 from gatar_edge.review.reader import Entry, LogReader, decoder, json_object
 from gatar_edge.review.summary import summarize
 from gatar_edge.types import ByteGrid, CellState
@@ -28,6 +28,7 @@ BUCKETS = 300  # points of a chart
 NS_PER_MS = 1_000_000
 
 _positions = decoder(ch.PositionsRecord)
+_radio = decoder(RadioBriefs)
 
 
 @dataclass(slots=True)
@@ -67,13 +68,19 @@ class Story:
 def read_story(log: LogReader) -> Json:
     """The data of the page for one log. Raises LogError where it cannot be read."""
     figures = read_figures(log)
-    story = Story(max(figures.first_ns, 0), figures)
+    story = Story(mission_start_ns(figures), figures)
     story.has_truth_tracks = figures.messages[ch.TRUTH_ROBOTS.topic] > 0
     decisions = sum(robot.decisions for robot in figures.robots.values())
     story.stride = max(1, decisions // 20_000)
     for entry in log.messages(lambda channel, _: channel.topic in _HANDLERS):
-        _HANDLERS[entry.channel.topic](story, entry, (entry.log_ns - story.start_ns) // NS_PER_MS)
+        _HANDLERS[entry.channel.topic](story, entry, max(0, entry.log_ns - story.start_ns) // NS_PER_MS)
     return _page_data(story, summarize(figures, log.damage, log.path.stat().st_size), log.path.name)
+
+
+def mission_start_ns(figures: Figures) -> int:
+    """The first decision: what comes before is launching."""
+    first = [robot.first_ns for robot in figures.robots.values() if robot.first_ns >= 0]
+    return min(first, default=max(figures.first_ns, 0))
 
 
 def _on_decision(story: Story, entry: Entry, t: int) -> None:
@@ -187,11 +194,13 @@ def _on_visit(story: Story, entry: Entry, t: int) -> None:
 
 
 def _on_radio(story: Story, entry: Entry, t: int) -> None:
-    sent = [item.get("size", 0) for item in json_object(entry.data)["items"] if item["way"] != ch.RadioWay.HEARD.value]
-    if not story.radio or t - story.radio[-1][0] > story.figures.last_ns // NS_PER_MS // (2 * BUCKETS):
+    record: RadioBriefs = _radio(entry.data)
+    sent = [item.size for item in record.items if item.way == ch.RadioWay.SENT.value]
+    span_ms = (story.figures.last_ns - story.start_ns) // NS_PER_MS
+    if not story.radio or t - story.radio[-1][0] > span_ms // (2 * BUCKETS):
         story.radio.append([t, 0, 0])
-    story.radio[-1][1] += len(sent)
-    story.radio[-1][2] += sum(sent)
+    story.radio[-1][1] += len(sent) + record.relayed
+    story.radio[-1][2] += sum(sent) + record.relayed_bytes
 
 
 def _on_fault(story: Story, entry: Entry, t: int) -> None:
@@ -283,7 +292,9 @@ def buckets(rows: list[list[float]], most: int) -> list[list[float]]:
     for bucket in np.unique(which):
         part = table[which == bucket]
         low, high = np.percentile(part[:, 1], (50, 99))
-        found.append([int(part[0, 0]), round(float(low), 4), round(float(high), 4), *part[:, 2:].mean(axis=0).round(2).tolist()])
+        found.append(
+            [int(part[0, 0]), round(float(low), 4), round(float(high), 4), *part[:, 2:].mean(axis=0).round(2).tolist()]
+        )
     return found
 
 

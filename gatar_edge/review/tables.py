@@ -90,3 +90,35 @@ def _of(count: Any, total: Any) -> str:
 
 def _text(value: Any) -> str:
     return "-" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def replay_lines(result: Json, other: str) -> list[str]:
+    """What came of a replay, in words."""
+    if other:
+        counts = (
+            f"{other} would have gone elsewhere in {result['decisions'] - result['equal']} of {result['decisions']}"
+        )
+        return [f"{counts} decisions", *(_otherwise(d) for d in result["differences"] if d["what"] == "decision")]
+    lines = [
+        f"{result['robots']} robots, decisions: {result['decisions']}, equal: {result['equal']}",
+        f"messages: {result['messages']}, equal: {result['messages_equal']}",
+    ]
+    first = result["first_difference"]
+    if first is None:
+        return [*lines, "bit for bit the same"]
+    lines.append(f"first difference: robot {first['robot_id']} at t_ns {first['t_ns']}, {first['what']}")
+    if not first["fields"]:
+        lines.append(f"  recorded {first['recorded']}, replayed {first['replayed']}")
+    return lines + [f"  {d['field']}: recorded {d['recorded']}, replayed {d['replayed']}" for d in first["fields"]]
+
+
+def _otherwise(difference: Json) -> str:
+    then, now = difference["recorded"], difference["replayed"]
+    return (
+        f"robot {difference['robot_id']}, tick {difference['tick']}: {_goal(now)} instead of {_goal(then)}"
+        f" (t_ns {difference['t_ns']})"
+    )
+
+
+def _goal(assignment: Json) -> str:
+    return f"{('hold', 'target', 'explore')[assignment['kind']]} {tuple(assignment['cell'])}"

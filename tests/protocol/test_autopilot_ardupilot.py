@@ -335,6 +335,7 @@ def test_five_seconds_without_the_ground_station_end_in_the_chosen_mode_and_do_n
     assert heartbeat(copter).system_status == 5
     beat(copter, 2)
     assert (copter.vehicle.truth.mode, "GCS Failsafe Cleared" in texts(copter.log)) == (mode, True)
+    assert heartbeat(copter).system_status == 4
 
 
 def test_the_failsafe_is_inactive_until_the_watched_system_was_seen() -> None:
@@ -397,6 +398,7 @@ def test_a_mission_item_outside_the_fence_ends_in_rtl() -> None:
     copter.run(25)
     assert copter.vehicle.truth.mode == "RTL"
     assert of(copter.log, "FENCE_STATUS")
+    assert "Circle fence breached" in texts(copter.log)
 
 
 def test_a_rover_accepts_a_target_outside_the_fence_and_stops_in_silence_at_47_m() -> None:
@@ -463,6 +465,13 @@ def test_message_intervals_are_obeyed_and_can_be_switched_off() -> None:
     assert rover.command(511, 33, -1) == ACCEPTED
     assert not of(rover.run(3), "GLOBAL_POSITION_INT")
     assert rover.command(511, 11, 200_000) == FAILED
+    assert rover.command(511, 33, math.nan) == FAILED
+
+
+def test_an_interval_that_is_no_multiple_of_the_step_is_right_on_average() -> None:
+    rover = Client(ROVER)
+    rover.command(511, 33, 250_000)
+    assert len(of(rover.run(20), "GLOBAL_POSITION_INT")) == 80
 
 
 def test_a_heartbeat_leaves_each_second() -> None:
@@ -485,6 +494,21 @@ def test_altitudes_are_relative_to_home_and_move_with_it() -> None:
     position = of(copter.run(1), "GLOBAL_POSITION_INT")[-1]
     assert position.relative_alt == pytest.approx(6000, abs=100)
     assert position.alt == pytest.approx(594_000, abs=100)
+    assert copter.vehicle.truth.alt_rel_m == pytest.approx(6, abs=0.1)
+
+
+def test_a_copter_that_loses_power_in_the_air_falls_and_keeps_its_parameters_in_use() -> None:
+    copter = flying()
+    put(copter, "WPNAV_SPEED", 200)
+    copter.vehicle.reboot(copter.now_ns)
+    truth = copter.vehicle.truth
+    assert (truth.alt_rel_m, truth.armed, truth.landed) == (0, False, True)
+    assert [copter.command(176, 1, GUIDED), copter.command(400, 1)] == [ACCEPTED, ACCEPTED]
+    copter.command(22, 0, 0, 0, 0, 0, 0, 10)
+    copter.run(6)
+    target(copter, 60, 0)
+    copter.run(5)
+    assert copter.vehicle.truth.speed_m_s == pytest.approx(2, abs=0.05)
 
 
 def test_a_reboot_keeps_mission_and_parameters_and_forgets_the_rest() -> None:
@@ -495,7 +519,7 @@ def test_a_reboot_keeps_mission_and_parameters_and_forgets_the_rest() -> None:
     rover.command(400, 0)
     assert rover.command(246, 1) == ACCEPTED
     assert (rover.vehicle.truth.mode, rover.vehicle.truth.armed) == ("MANUAL", False)
-    assert of(rover.send("MISSION_REQUEST_LIST", mission_type=0), "MISSION_COUNT")[0].count == 2
+    assert len(rover.vehicle.mission) == 2
     assert (
         of(rover.send("PARAM_REQUEST_READ", param_id=b"WP_RADIUS", param_index=-1), "PARAM_VALUE")[0].param_value == 3
     )

@@ -277,6 +277,12 @@ def test_an_item_out_of_range_is_denied(rover: Client) -> None:
     assert rover.command(224, 5, 1) == 2
 
 
+def test_set_current_0_means_the_first_item_after_home(rover: Client) -> None:
+    rover.upload(SLOT_0, rover.place(0, 10))
+    assert rover.command(224, 0, 1) == 0
+    assert current(rover)[0] == 1
+
+
 def test_mission_set_current_is_answered_by_mission_current(rover: Client) -> None:
     rover.upload(SLOT_0, rover.place(0, 10), rover.place(0, 20))
     answers = rover.send("MISSION_SET_CURRENT", seq=2)

@@ -11,7 +11,7 @@ import pytest
 from gatar_edge.sim_sitl.mission_items import Ack
 from gatar_edge.sim_sitl.testing import Client, kinds, of, px4_copter, px4_rover, texts
 
-LOITER, MISSION, RTL, OFFBOARD = 0x03040000, 0x04040000, 0x05040000, 0x00060000
+LOITER = 0x03040000
 ACCEPTED, REJECTED, UNSUPPORTED = 0, 1, 3
 HOME_ALT = 584.0
 
@@ -211,6 +211,15 @@ def test_a_new_mission_while_running_keeps_the_index_without_a_text(rover: Clien
     assert (last.seq, last.total) == (1, 3)
 
 
+def test_a_shorter_mission_while_running_clamps_the_index(rover: Client) -> None:
+    drive(rover, rover.place(0, 10), rover.place(0, 20), rover.place(0, 90))
+    rover.run(10)
+    rover.upload(rover.place(30, 30))
+    rover.run(1.1)
+    last = of(rover.log, "MISSION_CURRENT")[-1]
+    assert (last.seq, last.total, last.mission_state) == (0, 1, 3)
+
+
 def test_mid_drive_mission_set_current_0_turns_it_to_the_new_first_item(rover: Client) -> None:
     drive(rover, rover.place(0, 80))
     rover.run(5)
@@ -353,22 +362,20 @@ def put_int(client: Client, name: str, value: int) -> None:
     assert struct.pack("<f", answer.param_value) == struct.pack("<i", value)
 
 
-@pytest.mark.parametrize(("action", "mode_number", "after_s"), [(1, LOITER, 7.3), (2, RTL, 12.3)])
-def test_the_data_link_failsafe_acts_when_measured(
-    rover: Client, action: int, mode_number: int, after_s: float
-) -> None:
+@pytest.mark.parametrize(("action", "name", "after_s"), [(1, "AUTO.LOITER", 7.3), (2, "AUTO.RTL", 12.3)])
+def test_the_data_link_failsafe_acts_when_measured(rover: Client, action: int, name: str, after_s: float) -> None:
     put_int(rover, "NAV_DLL_ACT", action)
     put_int(rover, "COM_DL_LOSS_T", 5)
     drive(rover, rover.place(0, 200))
     beat(rover, 3)
     rover.run(after_s - 1 - 0.4)
-    assert rover.vehicle._core.mode.number != mode_number
+    assert rover.vehicle.truth.mode != name
     rover.run(0.6)
-    assert rover.vehicle._core.mode.number == mode_number
+    assert rover.vehicle.truth.mode == name
     rover.run(1)
     assert of(rover.log, "HEARTBEAT")[-1].system_status == 5
     beat(rover, 2)
-    assert (mode(rover), "GCS connection regained" in texts(rover.log)) == (mode_number, True)
+    assert (rover.vehicle.truth.mode, "GCS connection regained" in texts(rover.log)) == (name, True)
 
 
 def test_only_heartbeats_of_a_ground_station_count(rover: Client) -> None:

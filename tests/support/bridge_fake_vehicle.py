@@ -39,6 +39,7 @@ class FakeVehicle:
         self.silent = self.deaf_to_reposition = self.refuse_fence = self.stuck = False
         self.sent: dict[int, int] = {}
         self.out = b""
+        self.item_ns = self.asked_ns = 0
         self.last_ns: int | None = None
         self.intervals: dict[int, float] = {}
 
@@ -57,6 +58,7 @@ class FakeVehicle:
                 handler(message)
         self.move(0.0 if self.last_ns is None else (now - self.last_ns) / S)
         self.last_ns = now
+        self.watch_upload()
         self.stream()
         out, self.out = self.out, b""
         return b"" if self.silent else out
@@ -198,21 +200,60 @@ class FakeVehicle:
     # --- mission ---
 
     def on_mission_count(self, m: mav.MAVLink_mission_count_message) -> None:
-        self.open, self.count = [], m.count
+        if self.px4 and self.open:
+            self.mission_ack(1)
+            return
+        self.open, self.count, self.item_ns = [], m.count, self.now
+        if not self.px4:
+            self.mission = self.mission[: m.count]
         self.ask()
 
+    def mission_ack(self, result: int) -> None:
+        self.send(mav.MAVLink_mission_ack_message(*self.peer, result, 0))
+
+    def watch_upload(self) -> None:
+        if self.open is None:
+            return
+        if self.now - self.item_ns >= (5 if self.px4 else 8) * S:
+            self.open = None
+            if not self.px4:
+                self.mission_ack(15)
+        elif self.now - self.asked_ns >= (S // 4 if self.px4 else S):
+            self.ask()
+
+    def on_mission_request_list(self, _m: mav.MAVLink_mission_request_list_message) -> None:
+        if self.open is None:
+            self.send(mav.MAVLink_mission_count_message(*self.peer, len(self.mission), 0))
+        elif not self.px4:
+            self.mission_ack(14)
+
+    def on_mission_request_int(self, m: mav.MAVLink_mission_request_int_message) -> None:
+        if m.seq >= len(self.mission):
+            self.mission_ack(1)
+            return
+        i = self.mission[m.seq]
+        params = (i.param1, i.param2, i.param3, i.param4, i.x, i.y, i.z, 0)
+        frame = 3 if i.frame == 6 and not self.px4 else i.frame
+        self.send(mav.MAVLink_mission_item_int_message(*self.peer, m.seq, frame, i.command, 0, 1, *params))
+
     def ask(self) -> None:
+        self.asked_ns = self.now
         kind = mav.MAVLink_mission_request_int_message if self.px4 else mav.MAVLink_mission_request_message
         self.send(kind(*self.peer, len(self.open or []), 0))
 
     def on_mission_item_int(self, m: mav.MAVLink_mission_item_int_message) -> None:
         if self.open is None or m.seq != len(self.open):
+            if not self.px4:
+                self.mission_ack(1 if self.open is None else 13)
             return
         self.open.append(m)
+        self.item_ns = self.now
+        if not self.px4:
+            self.mission[m.seq : m.seq + 1] = [m]
         if len(self.open) < self.count:
             self.ask()
             return
         self.mission, self.open = self.open, None
         if self.mode == self.mission_mode and not self.complete:
             self.start_leg()  # the old index is kept
-        self.send(mav.MAVLink_mission_ack_message(*self.peer, 0, 0))
+        self.mission_ack(0)

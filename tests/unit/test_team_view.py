@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from fake_ports import Rig
 
 from gatar_edge.commands.fleet import command, table
 from gatar_edge.errors import ConfigError
@@ -17,7 +18,6 @@ from gatar_edge.keys import DEMO_KEY
 from gatar_edge.message import with_hops
 from gatar_edge.team_view import TeamView
 from gatar_edge.types import NS_PER_S
-from tests.fake_ports import Rig
 
 
 def messages(robot_id: int, count: int) -> list[bytes]:

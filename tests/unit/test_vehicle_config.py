@@ -53,6 +53,7 @@ def test_paths_are_relative_to_the_file(tmp_path: Path) -> None:
     assert config.net.key_file == str(tmp_path / "team.key")
     assert config.model.file == "/abs/m.onnx"
     assert config.net.zenoh_config == ""
+    assert config.state.file == str(tmp_path / "state-3.bin")
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from gatar_edge.errors import ConfigError
 from gatar_edge.sim_sitl.autopilot import AutopilotConfig
 from gatar_edge.sim_sitl.geodesy import LocalFrame
 from gatar_edge.sim_sitl.testing import HOME, ROVER, Client
-from gatar_edge.sim_sitl.vehicle import Body, Goal, Limits, step_copter, step_rover
+from gatar_edge.sim_sitl.vehicle import Body, Goal, Limits, corner_speed_m_s, step_copter, step_rover
 
 LIMITS = Limits()
 DT_S = 0.1
@@ -94,6 +94,16 @@ def to_leg(east: float, north: float, start: tuple[float, float], end: tuple[flo
     return math.hypot(
         east - start[0] - share * (end[0] - start[0]), north - start[1] - share * (end[1] - start[1])
     )  # fmt: skip
+
+
+def test_a_rover_slows_for_a_corner_the_more_the_sharper_it_is() -> None:
+    def speed(east: float, north: float) -> float:
+        return corner_speed_m_s(LIMITS, Goal(0, 0, 0), Goal(0, 10, 0), Goal(east, north, 0))
+
+    assert speed(0, 20) == pytest.approx(5)
+    assert 3 < speed(10, 20) < 4.5
+    assert 1 < speed(10, 10) < 2
+    assert speed(0, 0) == pytest.approx(0, abs=1e-9)
 
 
 def test_a_rover_passes_waypoints_in_a_line_without_stopping() -> None:

@@ -17,7 +17,7 @@ from gatar_edge.perception import Perception
 from gatar_edge.persist import SavedState
 from gatar_edge.transports.base import LinkCounters
 from gatar_edge.transports.budget import ByteBudget
-from gatar_edge.types import NS_PER_S, Cell, GridSpec, Hold, RobotKind, VehicleCommand, VehicleState
+from gatar_edge.types import NS_PER_S, Cell, Goto, GridSpec, Hold, RobotKind, VehicleCommand, VehicleState
 
 TICK_NS = NS_PER_S // 5
 CONFIG = AgentConfig(grid=GridSpec(width=15, height=15))
@@ -56,13 +56,10 @@ class FakeVehicle:
     commands: list[VehicleCommand] = field(default_factory=list)
     is_critical: bool = False
     polls: int = 0
-    drained: int = 0
+    refuses: Cell | None = None
 
     def receive(self, now_ns: int) -> None:
         pass
-
-    def drain(self, now_ns: int) -> None:
-        self.drained += 1
 
     def command(self, wanted: VehicleCommand, now_ns: int) -> VehicleCommand:
         self.commands.append(wanted)
@@ -83,6 +80,9 @@ class FakeVehicle:
 
     def critical(self, critical: bool) -> None:
         self.is_critical = critical
+
+    def failed(self) -> bool:
+        return self.refuses is not None and bool(self.commands) and self.commands[-1] == Goto(self.refuses)
 
     def holding(self, now_ns: int) -> bool:
         return bool(self.commands) and isinstance(self.commands[-1], Hold)
