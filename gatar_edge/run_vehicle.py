@@ -24,6 +24,7 @@ from gatar_edge.perception_link import PerceptionSocket
 from gatar_edge.persist import StateSaver, restore
 from gatar_edge.preflight import Prepared
 from gatar_edge.record import Recorder
+from gatar_edge.rotate import RotatingLog
 from gatar_edge.runinfo import describe_run
 from gatar_edge.transports.base import Transport
 from gatar_edge.transports.budget import ByteBudget
@@ -167,6 +168,8 @@ def opened(prepared: Prepared, clock_ns: Clock, *, dry_run: bool) -> Iterator[Pr
             Ports(radio, perception, vehicle, clock_ns, log, saver, _to_all(watchers)),
             _settings(config, dry_run=dry_run),
         )
+        if log is not None:
+            log.carry = daemon.state
         if saver is not None:
             stack.callback(saver.close)
             stack.callback(lambda: saver.save_soon(daemon.state()))  # runs before close
@@ -193,7 +196,7 @@ def _vehicle(
     prepared: Prepared,
     link: Link,
     journal: Journal,
-    log: Recorder | None,
+    log: RotatingLog | None,
     now_ns: int,
     *,
     dry_run: bool,
@@ -215,7 +218,7 @@ def _settings(config: VehicleConfig, *, dry_run: bool) -> Settings:
     )
 
 
-def _make_agent(prepared: Prepared, journal: Journal, log: Recorder | None, now_ns: int) -> Agent:
+def _make_agent(prepared: Prepared, journal: Journal, log: RotatingLog | None, now_ns: int) -> Agent:
     allocator = Punctual(prepared.allocator, prepared.config.loop.deadline_ms / 1000, ThreadRunner())
     agent = Agent(prepared.identity, prepared.config.agent, allocator, prepared.key, prepared.seq)
     restored = prepared.restored
@@ -227,12 +230,10 @@ def _make_agent(prepared: Prepared, journal: Journal, log: Recorder | None, now_
     return agent
 
 
-def _open_log(prepared: Prepared, now_ns: int) -> Recorder | None:
+def _open_log(prepared: Prepared, now_ns: int) -> RotatingLog | None:
     config = prepared.config
     if not config.log.folder:
         return None
-    stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime(now_ns / NS_PER_S))
-    path = Path(config.log.folder) / f"{config.kind.name.lower()}{config.robot.id}-{stamp}Z.mcap"
     info = describe_run(
         config.agent,
         [prepared.identity],
@@ -241,7 +242,20 @@ def _open_log(prepared: Prepared, now_ns: int) -> Recorder | None:
         first_seqs={config.robot.id: prepared.seq},
         extra={"simulated": False, "restored": prepared.restored.outcome.value},
     )
-    return Recorder(path, info, now_ns)
+
+    def open_file(now_ns: int) -> Recorder:
+        return Recorder(_log_path(config, now_ns), info, now_ns)
+
+    return RotatingLog(open_file, int(config.log.rotate_min * 60 * NS_PER_S), now_ns)
+
+
+def _log_path(config: VehicleConfig, now_ns: int) -> Path:
+    """A name that sorts by robot and time, and of no file that exists: a restart within a second is another run."""
+    stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime(now_ns / NS_PER_S))
+    name = f"{config.kind.name.lower()}{config.robot.id}-{stamp}"
+    folder = Path(config.log.folder)
+    taken = sum(1 for _ in folder.glob(f"{name}*.mcap"))
+    return folder / (f"{name}Z-{taken}.mcap" if taken else f"{name}Z.mcap")
 
 
 def _to_all(watchers: Sequence[Callable[[Snapshot], None]]) -> Callable[[Snapshot], None]:

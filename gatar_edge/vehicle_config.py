@@ -129,7 +129,8 @@ class LoopSection(_Section, frozen=True, kw_only=True):
 class LogSection(_Section, frozen=True, kw_only=True):
     """The mission log."""
 
-    folder: str = "logs"  # one file a run, named by robot and time; empty: no log
+    folder: str = "logs"  # files named by robot and time; empty: no log
+    rotate_min: Annotated[float, Meta(ge=1, le=1440)] = 60.0  # begin another file after this long
 
 
 class StateSection(_Section, frozen=True, kw_only=True):

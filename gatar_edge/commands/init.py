@@ -67,7 +67,8 @@ listen = {perception}  # or "unix:/run/gatar/perception.sock"; format: docs/obse
 # deadline_ms = 100.0      # for the model; then greedy decides
 
 [log]
-folder = "logs"            # one file a run; "" for none
+folder = "logs"            # one file a run and hour; "" for none
+# rotate_min = 60.0
 
 [state]
 file = "state-{id}.bin"       # belief, task and message sequence: a restarted daemon goes on where it was
