@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Protocol
 
 from gatar_edge.agent import Agent
+from gatar_edge.allocators.base import Negotiator
 from gatar_edge.bridge.driver import VehicleDriver
 from gatar_edge.bridge.link import Link, open_link
 from gatar_edge.daemon import POLL_NS, STOP_NS, Daemon, Ports, Settings
-from gatar_edge.deadline import Punctual, ThreadRunner
+from gatar_edge.deadline import ThreadRunner, punctual
 from gatar_edge.health import Snapshot
 from gatar_edge.journal import Journal
 from gatar_edge.perception import Perception
@@ -219,7 +220,7 @@ def _settings(config: VehicleConfig, *, dry_run: bool) -> Settings:
 
 
 def _make_agent(prepared: Prepared, journal: Journal, log: RotatingLog | None, now_ns: int) -> Agent:
-    allocator = Punctual(prepared.allocator, prepared.config.loop.deadline_ms / 1000, ThreadRunner())
+    allocator = punctual(prepared.allocator, prepared.config.loop.deadline_ms / 1000, ThreadRunner())
     agent = Agent(prepared.identity, prepared.config.agent, allocator, prepared.key, prepared.seq)
     restored = prepared.restored
     journal.info("saved state", now_ns, outcome=restored.outcome.value, next_seq=prepared.seq)

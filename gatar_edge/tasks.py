@@ -59,12 +59,13 @@ def decide(view: View, allocation: Allocation, task: Task, rules: Rules) -> Assi
 
 def contested(view: View) -> npt.NDArray[np.bool_]:
     """Targets that another robot of the view is on its way to, and nearer (ties by id): bool [M]."""
-    times = travel_times(view)
     taken = np.zeros(len(view.targets), dtype=np.bool_)
+    times = travel_times(view)
     ego = view.robots[0]
+    index_of = {(x, y): index for index, (x, y) in enumerate(view.targets.tolist())}
     for row, robot in enumerate(view.robots[1:], start=1):
-        index = _index_of(view, robot.task_cell) if robot.task is TaskKind.TARGET else NO_TARGET
-        if index != NO_TARGET and (times[row, index], robot.robot_id) < (times[0, index], ego.robot_id):
+        index = index_of.get(robot.task_cell) if robot.task is TaskKind.TARGET else None
+        if index is not None and (times[row, index], robot.robot_id) < (times[0, index], ego.robot_id):
             taken[index] = True
     return taken
 

@@ -20,6 +20,7 @@ from gatar_edge.types import GridSpec, RobotKind
 
 MAX_CONFIG_BYTES = 1_000_000
 
+_AGENT = AgentConfig()
 _Side = Annotated[int, Meta(ge=1, le=1024)]
 _Latitude = Annotated[float, Meta(ge=-89, le=89)]
 _Longitude = Annotated[float, Meta(ge=-180, le=180)]
@@ -50,16 +51,16 @@ class GridSection(_Section, frozen=True, kw_only=True):
 
 
 class TeamSection(_Section, frozen=True, kw_only=True):
-    """What else all robots of the team must agree on: the fields of `config.AgentConfig`."""
+    """What else all robots of the team must agree on: the fields of `config.AgentConfig`, with its defaults."""
 
-    r_sense: _Positive = 4.0
-    r_comm: _Positive = 6.0
-    hop_limit: Annotated[int, Meta(ge=1, le=8)] = 2
-    max_age_s: _Positive = 3.0
-    perception_max_age_s: _Positive = 3.0
-    keep_task: bool = True
-    max_neighbors: Annotated[int, Meta(ge=1, le=63)] = 63
-    max_candidates: Annotated[int, Meta(ge=1, le=1024)] = 64
+    r_sense: _Positive = _AGENT.r_sense
+    r_comm: _Positive = _AGENT.r_comm
+    hop_limit: Annotated[int, Meta(ge=1, le=8)] = _AGENT.hop_limit
+    max_age_s: _Positive = _AGENT.max_age_s
+    perception_max_age_s: _Positive = _AGENT.perception_max_age_s
+    keep_task: bool = _AGENT.keep_task
+    max_neighbors: Annotated[int, Meta(ge=1, le=63)] = _AGENT.max_neighbors
+    max_candidates: Annotated[int, Meta(ge=1, le=1024)] = _AGENT.max_candidates
 
 
 class ModelSection(_Section, frozen=True, kw_only=True):
