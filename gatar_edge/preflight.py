@@ -84,12 +84,7 @@ def driver_config(config: VehicleConfig) -> DriverConfig:
 
 def make_allocator(config: VehicleConfig) -> Allocator:
     """The configured allocator, tried once: a model that cannot decide is found out here. Raises GatarError."""
-    from gatar_edge.allocators.registry import make
-
-    model = config.model
-    if model.file and model.allocator != "gatar":
-        raise ConfigError(f"model.file is for the allocator gatar, not {model.allocator}: leave one of them out")
-    allocator = make(f"gatar:{model.file}" if model.file else model.allocator)()
+    allocator = _load_allocator(config)
     belief = np.full((config.grid.width, config.grid.height), CellState.FREE, dtype=np.uint8)
     belief[-1, -1] = CellState.TARGET
     ego = RobotState(config.robot.id, config.kind, (0, 0), config.speed_cells_s)
@@ -103,6 +98,20 @@ def make_allocator(config: VehicleConfig) -> Allocator:
     except Exception as error:  # of whatever library the model runs on
         raise ConfigError(f"allocator {allocator.name} cannot decide: {type(error).__name__}: {error}") from error
     return allocator
+
+
+def _load_allocator(config: VehicleConfig) -> Allocator:
+    model = config.model
+    if model.allocator == "gatar":
+        from gatar_edge.allocators.gatar import Gatar
+        from gatar_edge.policy import DEFAULT_MODEL
+
+        return Gatar(Path(model.file) if model.file else DEFAULT_MODEL, config.agent)
+    from gatar_edge.allocators.registry import make
+
+    if model.file:
+        raise ConfigError(f"model.file is for the allocator gatar, not {model.allocator}: leave one of them out")
+    return make(model.allocator)()
 
 
 def describe(prepared: Prepared, *, dry_run: bool) -> list[str]:
