@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 from gatar_edge.bridge import wire
+from gatar_edge.bridge.signing import SIGNATURE_BYTES, Signing
 from gatar_edge.bridge.wire import Message, Received
 
 os.environ["MAVLINK20"] = "1"  # read by pymavlink when it is imported
@@ -22,21 +23,24 @@ MAX_PARSE_BYTES = 65536
 
 _V2_MAGIC = 0xFD
 _V2_SIGNED = 0x01
-_SIGNATURE_BYTES = 13
 
 
 class Codec:
     """One stream's encoder (own identity and sequence number) and parser. Not shared between streams."""
 
-    def __init__(self, sysid: int, compid: int) -> None:
+    def __init__(self, sysid: int, compid: int, signing: Signing | None = None) -> None:
         self.address: wire.Address = (sysid, compid)
+        self.signing = signing
         self._mav = mavlink.MAVLink(io.BytesIO(), srcSystem=sysid, srcComponent=compid)
         self._mav.robust_parsing = True
         self.bad_bytes = 0  # received and not part of any valid frame
 
     def encode(self, message: Message) -> bytes:
         """The frame of a message that a companion sends; `KeyError` for one that it never does."""
-        frame: bytes = _BUILDERS[type(message)](message).pack(self._mav)
+        built = _BUILDERS[type(message)](message)
+        frame: bytes = built.pack(self._mav)
+        if self.signing is not None:
+            frame = self.signing.sign(_with_flags(frame, frame[2] | _V2_SIGNED, built.crc_extra))
         self._mav.seq = (self._mav.seq + 1) % 256
         return frame
 
@@ -55,14 +59,25 @@ class Codec:
             return None
         read = _READERS.get(frame.get_msgId())
         source = (frame.get_srcSystem(), frame.get_srcComponent())
+        if self.signing is not None and not self.signing.accepts(raw, source, frame.get_msgId()):
+            return None
         message = read(frame) if read is not None else None
         return Received(source, frame.get_seq(), frame.get_msgId(), strip_signature(raw), message)
 
 
+def _with_flags(frame: bytes, flags: int, crc_extra: int) -> bytes:
+    """A MAVLink 2 frame without signature under other incompatibility flags, and so another checksum."""
+    body = frame[1:2] + bytes([flags]) + frame[3:-2]
+    checksum: int = mavlink.x25crc(body + bytes([crc_extra])).crc
+    return frame[:1] + body + checksum.to_bytes(2, "little")
+
+
 def strip_signature(frame: bytes) -> bytes:
-    """A MAVLink 2 frame without its 13 signature bytes, for logs. The flag stays, as it is under the checksum."""
-    signed = len(frame) > 12 and frame[0] == _V2_MAGIC and frame[2] & _V2_SIGNED
-    return frame[:-_SIGNATURE_BYTES] if signed else frame
+    """A frame as it would be unsigned, for logs: any reader can parse it, nobody can replay it."""
+    known = mavlink.mavlink_map.get(message_id(frame))
+    if len(frame) <= 12 or frame[0] != _V2_MAGIC or not frame[2] & _V2_SIGNED or known is None:
+        return frame
+    return _with_flags(frame[:-SIGNATURE_BYTES], frame[2] & ~_V2_SIGNED, known.crc_extra)
 
 
 def message_id(frame: bytes) -> int:

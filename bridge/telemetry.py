@@ -93,13 +93,12 @@ class Progress:
 
     def __init__(self, timeout_ns: int) -> None:
         self.timeout_ns = timeout_ns
-        self.started_m = self._best_m = math.inf
+        self._best_m = math.inf
         self._best_ns = 0
 
     def start(self, remaining_m: float, now_ns: int) -> None:
         """Begin anew."""
-        self.started_m = self._best_m = remaining_m
-        self._best_ns = now_ns
+        self._best_m, self._best_ns = remaining_m, now_ns
 
     def stalled(self, remaining_m: float, now_ns: int) -> bool:
         """Take the present distance; True once it has not shrunk for too long."""

@@ -12,8 +12,6 @@ from enum import IntEnum
 
 Address = tuple[int, int]
 
-EVERYBODY: Address = (0, 0)
-
 
 class MissionResult(IntEnum):
     """MAV_MISSION_RESULT of common.xml."""

@@ -102,7 +102,7 @@ def fly_one(flight: Flight) -> Figures:
         delay_ns = campaign.delay_ticks * STEP_NS
         radio = LinkFaults(loss=campaign.loss, delay_min_ns=delay_ns, delay_max_ns=delay_ns)
         mission = GridMission(world, config, radio, campaign.max_steps)
-    return _figures(fly(mission, _factory(flight.allocator)))
+    return _figures(fly(mission, factory(flight.allocator)))
 
 
 def fly_all(
@@ -163,13 +163,13 @@ def _fly_each(flights: Sequence[Flight], workers: int) -> Iterator[tuple[Flight,
 
 
 @cache
-def _factory(allocator: str) -> Make:
-    """One model and one compiled planner a process."""
-    if find_spec("numba") is None:
+def factory(allocator: str) -> Make:
+    """How to make the allocator, with one model or planner a process; tours are compiled where numba is installed."""
+    if not allocator.endswith("routing") or find_spec("numba") is None:
         return make(allocator)
     from gatar_edge.learn.compiled import compiled_planner
 
-    return make(allocator, compiled_planner() if allocator.endswith("routing") else None)
+    return make(allocator, compiled_planner())
 
 
 @cache

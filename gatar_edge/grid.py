@@ -39,7 +39,7 @@ def path_lengths(kind: RobotKind, cell: Cell, free: BoolGrid) -> IntGrid:
 
 
 # What is known changes less often than it is asked about, and robots that know the same ask the same.
-@lru_cache(maxsize=512)
+@lru_cache(maxsize=1024)
 def _driving_lengths(cell: Cell, free: bytes, shape: tuple[int, ...]) -> IntGrid:
     distance = np.full(shape, _TCOD_UNREACHABLE, dtype=np.int32)
     distance[cell] = 0
@@ -51,7 +51,7 @@ def _driving_lengths(cell: Cell, free: bytes, shape: tuple[int, ...]) -> IntGrid
     return distance
 
 
-@lru_cache(maxsize=512)
+@lru_cache(maxsize=1024)
 def manhattan(cell: Cell, shape: tuple[int, ...]) -> IntGrid:
     """4-connected distance with nothing in the way: int32 [W, H], read-only."""
     x = np.abs(np.arange(shape[0], dtype=np.int32) - cell[0])

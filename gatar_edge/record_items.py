@@ -56,6 +56,15 @@ class RadioBuffer:
         return ch.RadioRecord(self.robot_id, self.items, dict(self.ignored), self.relayed, self.relayed_bytes)
 
 
+class RadioBuffers(dict[int, RadioBuffer]):
+    """The buffers of all robots, made when asked for."""
+
+    def __missing__(self, robot_id: int) -> RadioBuffer:
+        """An empty buffer, kept."""
+        self[robot_id] = RadioBuffer(robot_id)
+        return self[robot_id]
+
+
 def command_record(command: VehicleCommand) -> dict[str, Any]:
     """A command as the log holds it."""
     match command:

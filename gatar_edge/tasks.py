@@ -50,18 +50,22 @@ def decide(view: View, allocation: Allocation, task: Task, rules: Rules) -> Assi
         return _assign(view, TaskKind.TARGET, cell, reason, task, allocation)
     frontier = frontier_for_ego(view, allocation.choices, rules.r_sense)
     if frontier is None:
+        index = abandoned(view)
+        if index != NO_TARGET:
+            return _assign(view, TaskKind.TARGET, _cell(view, index), Reason.ABANDONED, task, allocation)
         return Assignment(TaskKind.HOLD, view.robots[0].cell, Reason.NOTHING_LEFT, (), allocation.xy)
     return _assign(view, TaskKind.EXPLORE, frontier, Reason.FRONTIER, task, allocation)
 
 
 def contested(view: View) -> npt.NDArray[np.bool_]:
     """Targets that another robot of the view is on its way to, and nearer (ties by id): bool [M]."""
-    times = travel_times(view)
     taken = np.zeros(len(view.targets), dtype=np.bool_)
+    times = travel_times(view)
     ego = view.robots[0]
+    index_of = {(x, y): index for index, (x, y) in enumerate(view.targets.tolist())}
     for row, robot in enumerate(view.robots[1:], start=1):
-        index = _index_of(view, robot.task_cell) if robot.task is TaskKind.TARGET else NO_TARGET
-        if index != NO_TARGET and (times[row, index], robot.robot_id) < (times[0, index], ego.robot_id):
+        index = index_of.get(robot.task_cell) if robot.task is TaskKind.TARGET else None
+        if index is not None and (times[row, index], robot.robot_id) < (times[0, index], ego.robot_id):
             taken[index] = True
     return taken
 
@@ -77,6 +81,20 @@ def proposed(view: View, allocation: Allocation, taken: npt.NDArray[np.bool_]) -
     if not open_to_ego.any():
         return NO_TARGET
     return int(np.where(open_to_ego, allocation.scores[0], -np.inf).argmax())
+
+
+def abandoned(view: View) -> int:
+    """Ego's nearest target that no other robot of the view is on its way to, or NO_TARGET.
+
+    Views differ: each of two robots can believe that a target is the other's. A robot with nothing else to do does not
+    wait for what nobody claims, so that no mission waits for ever.
+    """
+    times = travel_times(view)[0].copy()
+    for robot in view.robots[1:]:
+        index = _index_of(view, robot.task_cell) if robot.task is TaskKind.TARGET else NO_TARGET
+        if index != NO_TARGET:
+            times[index] = np.inf
+    return int(times.argmin()) if times.size and np.isfinite(times.min()) else NO_TARGET
 
 
 def to_command(kind: RobotKind, assignment: Assignment) -> VehicleCommand:

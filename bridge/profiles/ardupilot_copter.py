@@ -34,6 +34,7 @@ PROFILE = Profile(
     ),
     first_item_seq=1,
     yaw_param=0.0,  # NaN is refused with INVALID_PARAM1
+    atomic_upload=False,  # COUNT truncates at once
     item_frame=Frame.GLOBAL_RELATIVE_ALT_INT,
     item_read_back_frames=frozenset({Frame.GLOBAL_RELATIVE_ALT_INT, Frame.GLOBAL_RELATIVE_ALT}),
     set_current=SetCurrent.COMMAND_WITH_RESET,
@@ -47,5 +48,4 @@ PROFILE = Profile(
     reposition_frame=Frame.GLOBAL_RELATIVE_ALT_INT,
     reposition_amsl=False,
     position_type_mask=0x0DF8,
-    echo_has_altitude=True,
 )

@@ -18,6 +18,7 @@ PROFILE = Profile(
     modes=MappingProxyType(MODES),
     first_item_seq=0,
     yaw_param=math.nan,
+    atomic_upload=True,
     item_frame=Frame.GLOBAL_RELATIVE_ALT_INT,
     item_read_back_frames=frozenset({Frame.GLOBAL_RELATIVE_ALT_INT, Frame.GLOBAL_RELATIVE_ALT}),
     set_current=SetCurrent.MESSAGE_AFTER_TOTAL,
@@ -31,5 +32,4 @@ PROFILE = Profile(
     reposition_frame=Frame.GLOBAL,  # the frame is ignored: frame 6 with z = 10 flew it into the ground
     reposition_amsl=True,
     position_type_mask=0x0DF8,
-    echo_has_altitude=True,
 )

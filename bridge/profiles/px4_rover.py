@@ -18,6 +18,7 @@ PROFILE = Profile(
     modes=MappingProxyType(MODES),
     first_item_seq=0,
     yaw_param=math.nan,
+    atomic_upload=True,
     item_frame=Frame.GLOBAL_RELATIVE_ALT_INT,
     item_read_back_frames=frozenset({Frame.GLOBAL_RELATIVE_ALT_INT, Frame.GLOBAL_RELATIVE_ALT}),
     set_current=SetCurrent.MESSAGE_AFTER_TOTAL,  # DO_SET_MISSION_CURRENT is UNSUPPORTED
@@ -31,5 +32,4 @@ PROFILE = Profile(
     reposition_frame=Frame.GLOBAL,
     reposition_amsl=True,
     position_type_mask=0x0DFC,
-    echo_has_altitude=False,
 )

@@ -11,7 +11,7 @@ import msgspec
 
 from gatar_edge import channels as ch
 from gatar_edge import foxglove
-from gatar_edge.review.reader import Entry, LogReader, decoder, json_object
+from gatar_edge.review.reader import Entry, LogReader, Tally, decoder, json_object
 from gatar_edge.types import NS_PER_S, Cell, CellState
 
 GAP_PERIODS = 5  # a robot silent for this many of its own periods has a gap
@@ -142,22 +142,18 @@ MAX_WARNINGS = 50
 
 def read_figures(log: LogReader) -> Figures:
     """Count through a whole log. Raises LogError where it cannot be read."""
-    figures = Figures()
-    for entry in log.messages():
-        _count(figures, entry)
-        handler = _HANDLERS.get(entry.channel.topic)
-        if handler is not None:
-            handler(figures, entry)
+    figures, tally = Figures(), Tally()
+    for entry in log.messages(lambda channel, _: channel.topic in _HANDLERS, tally):
+        if figures.first_ns < 0:
+            figures.first_ns = tally.first_ns
+        _HANDLERS[entry.channel.topic](figures, entry)
+    figures.first_ns, figures.last_ns, figures.not_in_order = tally.first_ns, tally.last_ns, tally.not_in_order
+    for number, count in tally.counts.items():
+        topic = log.topic_of(number)
+        if topic:
+            figures.messages[topic] += count
+            figures.bytes[topic] += tally.payload(number)
     return figures
-
-
-def _count(figures: Figures, entry: Entry) -> None:
-    figures.messages[entry.channel.topic] += 1
-    figures.bytes[entry.channel.topic] += len(entry.data)
-    figures.not_in_order += entry.log_ns < figures.last_ns
-    figures.last_ns = max(figures.last_ns, entry.log_ns)
-    if figures.first_ns < 0:
-        figures.first_ns = entry.log_ns
 
 
 def _on_run_info(figures: Figures, entry: Entry) -> None:

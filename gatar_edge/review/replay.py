@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -31,6 +32,7 @@ from gatar_edge.tasks import Task
 from gatar_edge.types import Cells, Observation, Reason, RobotKind, TaskKind
 from gatar_edge.view import View
 
+_INDEX = re.compile(r"\[\d+\]")
 MAX_LISTED = 50
 MAX_UNSENT = 100_000  # messages in a row that a robot composed and did not send
 
@@ -108,15 +110,24 @@ class Ghost:
 class Replay:
     """Feeds a log's inputs to agents. `make` gives the allocator of one robot, by the recorded name.
 
+    Fields in `ignore` (written without indices, such as `candidates[].score`) need not be equal.
     With `otherwise`, the agents follow the recorded tasks whatever they would have decided themselves: each decision
     then answers what this allocator would have done in that robot's place at that moment.
     """
 
-    def __init__(self, make: Callable[[str], Allocator], *, otherwise: bool = False, key: bytes | None = None) -> None:
+    def __init__(
+        self,
+        make: Callable[[str], Allocator],
+        *,
+        otherwise: bool = False,
+        key: bytes | None = None,
+        ignore: frozenset[str] = frozenset(),
+    ) -> None:
         self.result = Replayed()
         self.ghosts: dict[int, Ghost] = {}
         self._make = make
         self._otherwise = otherwise
+        self._ignore = ignore
         self._key = DEMO_KEY if key is None else key
         self._sign = key is None
 
@@ -223,7 +234,8 @@ class Replay:
         decision = replace(agent.decide(then["t_ns"]), latency_ns=then["latency_ns"])
         now = msgspec.json.decode(msgspec.json.encode(decision))
         self.result.decisions += 1
-        differences = _goal_differences(then, now) if self._otherwise else list(_differences(then, now, ""))
+        found = _goal_differences(then, now) if self._otherwise else _differences(then, now, "")
+        differences = [d for d in found if _INDEX.sub("[]", d["field"]) not in self._ignore]
         self.result.equal += not differences
         if differences:
             self.result.differ(_described(entry.robot_id, then, now, differences))
