@@ -242,8 +242,9 @@ def _open_log(prepared: Prepared, now_ns: int) -> RotatingLog | None:
     info = describe_run(
         config.agent,
         [prepared.identity],
-        config.model.allocator,
+        prepared.flown,
         model=config.model.file,
+        model_sha256=prepared.model_sha256,
         first_seqs={config.robot.id: prepared.seq},
         extra={"simulated": False, "restored": prepared.restored.outcome.value},
     )
