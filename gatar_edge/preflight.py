@@ -7,6 +7,7 @@ says what is wrong and how to mend it.
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import time
 from collections.abc import Callable
@@ -41,6 +42,13 @@ class Prepared:
     driver: DriverConfig
     restored: Restored
     seq: int
+    model_sha256: str  # empty for a classical rule
+
+    @property
+    def flown(self) -> str:
+        """The allocator as a replay of the log must make it."""
+        model = self.config.model
+        return f"{model.allocator}:{model.file}" if model.file else model.allocator
 
     @property
     def identity(self) -> Identity:
@@ -61,7 +69,8 @@ def prepare(config: VehicleConfig, unix_ns: int) -> Prepared:
     restored = Restored(LoadOutcome.ABSENT)
     if config.state.file:
         restored = load(Path(config.state.file), config.robot.id, config.agent, unix_ns, config.state.max_age_s)
-    return Prepared(config, key, allocator, driver, restored, first_seq(unix_ns, restored.last_seq))
+    seq = first_seq(unix_ns, restored.last_seq)
+    return Prepared(config, key, allocator, driver, restored, seq, _model_digest(config))
 
 
 def driver_config(config: VehicleConfig) -> DriverConfig:
@@ -84,12 +93,7 @@ def driver_config(config: VehicleConfig) -> DriverConfig:
 
 def make_allocator(config: VehicleConfig) -> Allocator:
     """The configured allocator, tried once: a model that cannot decide is found out here. Raises GatarError."""
-    from gatar_edge.allocators.registry import make
-
-    model = config.model
-    if model.file and model.allocator != "gatar":
-        raise ConfigError(f"model.file is for the allocator gatar, not {model.allocator}: leave one of them out")
-    allocator = make(f"gatar:{model.file}" if model.file else model.allocator)()
+    allocator = _load_allocator(config)
     belief = np.full((config.grid.width, config.grid.height), CellState.FREE, dtype=np.uint8)
     belief[-1, -1] = CellState.TARGET
     ego = RobotState(config.robot.id, config.kind, (0, 0), config.speed_cells_s)
@@ -103,6 +107,28 @@ def make_allocator(config: VehicleConfig) -> Allocator:
     except Exception as error:  # of whatever library the model runs on
         raise ConfigError(f"allocator {allocator.name} cannot decide: {type(error).__name__}: {error}") from error
     return allocator
+
+
+def _load_allocator(config: VehicleConfig) -> Allocator:
+    model = config.model
+    if model.allocator == "gatar":
+        from gatar_edge.allocators.gatar import Gatar
+        from gatar_edge.policy import DEFAULT_MODEL
+
+        return Gatar(Path(model.file) if model.file else DEFAULT_MODEL, config.agent)
+    from gatar_edge.allocators.registry import make
+
+    if model.file:
+        raise ConfigError(f"model.file is for the allocator gatar, not {model.allocator}: leave one of them out")
+    return make(model.allocator)()
+
+
+def _model_digest(config: VehicleConfig) -> str:
+    if config.model.allocator != "gatar":
+        return ""
+    from gatar_edge.policy import DEFAULT_MODEL
+
+    return hashlib.sha256((Path(config.model.file) if config.model.file else DEFAULT_MODEL).read_bytes()).hexdigest()
 
 
 def describe(prepared: Prepared, *, dry_run: bool) -> list[str]:

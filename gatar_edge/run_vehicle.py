@@ -36,6 +36,9 @@ from gatar_edge.vehicle_port import AutopilotPort
 from gatar_edge.watch import HttpWatch, Notifier
 
 Clock = Callable[[], int]
+# After the first datagram wait this long for more: twelve neighbours that relay each other come in bursts, and waking
+# for each of them costs twice the processor time.
+GATHER_NS = 5_000_000
 
 
 class Waiter:
@@ -60,7 +63,8 @@ class Waiter:
         for number in wanted:  # again also where known: the number may now be another socket's
             self._poll.register(number, select.POLLIN)
         self._registered = wanted
-        self._poll.poll(max(0, duration_ns) / 1e6)
+        if self._poll.poll(max(0, duration_ns) / 1e6) and duration_ns > GATHER_NS:
+            time.sleep(GATHER_NS / NS_PER_S)
         with contextlib.suppress(BlockingIOError):
             self._woken.recv(64)
 
@@ -238,8 +242,9 @@ def _open_log(prepared: Prepared, now_ns: int) -> RotatingLog | None:
     info = describe_run(
         config.agent,
         [prepared.identity],
-        config.model.allocator,
+        prepared.flown,
         model=config.model.file,
+        model_sha256=prepared.model_sha256,
         first_seqs={config.robot.id: prepared.seq},
         extra={"simulated": False, "restored": prepared.restored.outcome.value},
     )
