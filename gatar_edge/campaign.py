@@ -42,7 +42,7 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True):
     r_comm: float = 6.0
     loss: float = 0.0
     delay_ticks: int = 0
-    keep_task: bool = False
+    follow: bool = False  # the allocator at every tick; else tasks are kept, as on vehicles
     max_steps: int = 500
 
     @property
@@ -99,7 +99,7 @@ def fly_one(flight: Flight) -> Figures:
         grid=GridSpec(width=world.shape[0], height=world.shape[1]),
         r_sense=campaign.r_sense,
         r_comm=float(sum(world.shape)) if central else campaign.r_comm,
-        keep_task=campaign.keep_task,
+        keep_task=not campaign.follow,
     )
     delay_ns = campaign.delay_ticks * STEP_NS
     radio = LinkFaults() if central else LinkFaults(campaign.loss, delay_min_ns=delay_ns, delay_max_ns=delay_ns)
