@@ -137,14 +137,16 @@ class _Line(msgspec.Struct):
 
 
 def load_results(path: Path) -> dict[str, Figures]:
-    """Figures by `Flight.key`. A last line that was cut off is left out; raises ConfigError for any other."""
-    if not path.exists():
-        return {}
+    """Figures by `Flight.key`; makes the file where there is none.
+
+    A last line that was cut off is taken away; raises ConfigError for any other, and where the file cannot be written.
+    """
     try:
+        path.open("ab").close()
         lines = path.read_bytes().split(b"\n")
         found = [msgspec.json.decode(line, type=_Line) for line in lines[:-1]]
     except (OSError, msgspec.MsgspecError) as error:
-        raise ConfigError(f"{path} is not a file of results: {error}") from error
+        raise ConfigError(f"{path} cannot be used as a file of results: {error}") from error
     if lines[-1]:
         path.write_bytes(b"".join(line + b"\n" for line in lines[:-1]))
     return {line.key: line.figures for line in found}
