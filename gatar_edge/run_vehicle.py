@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Protocol
 
 from gatar_edge.agent import Agent
-from gatar_edge.allocators.base import Negotiator
 from gatar_edge.bridge.driver import VehicleDriver
 from gatar_edge.bridge.link import Link, open_link
 from gatar_edge.daemon import POLL_NS, STOP_NS, Daemon, Ports, Settings
