@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import importlib.util
 import os
 import time
 from collections.abc import Callable
@@ -20,7 +21,7 @@ from gatar_edge.agent import Identity
 from gatar_edge.allocators.base import Allocator
 from gatar_edge.bridge.link import check_url
 from gatar_edge.bridge.settings import DriverConfig
-from gatar_edge.errors import ConfigError, GatarError
+from gatar_edge.errors import ConfigError, GatarError, MissingExtraError
 from gatar_edge.keys import read_key
 from gatar_edge.message import MESSAGE_BYTES, first_seq
 from gatar_edge.perception_link import local_address
@@ -177,6 +178,8 @@ def _check_addresses(config: VehicleConfig) -> None:
         local_address(config.perception.listen, allow_remote=config.perception.allow_remote)
     if config.watch.http:
         parse_address(config.watch.http, "watch.http")
+    if config.net.transport == "zenoh" and importlib.util.find_spec("zenoh") is None:
+        raise MissingExtraError("net.transport = 'zenoh'", "zenoh", "eclipse-zenoh")
     if config.net.transport == "udp":
         parse_address(config.net.listen, "net.listen")
         for peer in config.net.peers:

@@ -84,6 +84,8 @@ class NetSection(_Section, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         if self.transport == "udp" and not self.peers and not self.group:
             raise ValueError("nobody to talk to: give `peers` (a list of host:port) or a multicast `group`")
+        if self.transport == "zenoh" and self.listen and "/" not in self.listen:
+            raise ValueError(f"`listen` {self.listen!r} is no zenoh endpoint: tcp/0.0.0.0:7447, tls/..., or empty")
         if self.transport != "udp" and self.group:
             raise ValueError(f"`group` is of transport udp, not {self.transport}")
 
