@@ -169,7 +169,7 @@ class Agent:
         allocation, name, fallback = self._allocate(view)
         assignment = decide(view, allocation, self.task, Rules(self.config.keep_task, self.config.r_sense))
         retask = self._gives_up(assignment)
-        self.task = Task(assignment.kind, assignment.cell, assignment.path)
+        self.task = self.task.followed_by(assignment, given_up=retask)
         return Decision(
             robot_id=self.identity.robot_id,
             tick=self._tick,

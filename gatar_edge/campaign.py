@@ -42,6 +42,7 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True):
     r_comm: float = 6.0
     loss: float = 0.0
     delay_ticks: int = 0
+    keep_task: bool = False
     max_steps: int = 500
 
     @property
@@ -93,15 +94,16 @@ def world_of(campaign: Campaign, seed: int) -> World:
 def fly_one(flight: Flight) -> Figures:
     """Fly one mission. Raises ConfigError, ModelError or WorldError."""
     campaign, world = flight.campaign, world_of(flight.campaign, flight.seed)
-    grid = GridSpec(width=world.shape[0], height=world.shape[1])
-    if hears_all(flight.allocator):
-        config = AgentConfig(grid=grid, r_sense=campaign.r_sense, r_comm=float(sum(world.shape)))
-        mission = GridMission(world, config, max_steps=campaign.max_steps)
-    else:
-        config = AgentConfig(grid=grid, r_sense=campaign.r_sense, r_comm=campaign.r_comm)
-        delay_ns = campaign.delay_ticks * STEP_NS
-        radio = LinkFaults(loss=campaign.loss, delay_min_ns=delay_ns, delay_max_ns=delay_ns)
-        mission = GridMission(world, config, radio, campaign.max_steps)
+    central = hears_all(flight.allocator)
+    config = AgentConfig(
+        grid=GridSpec(width=world.shape[0], height=world.shape[1]),
+        r_sense=campaign.r_sense,
+        r_comm=float(sum(world.shape)) if central else campaign.r_comm,
+        keep_task=campaign.keep_task,
+    )
+    delay_ns = campaign.delay_ticks * STEP_NS
+    radio = LinkFaults() if central else LinkFaults(campaign.loss, delay_min_ns=delay_ns, delay_max_ns=delay_ns)
+    mission = GridMission(world, config, radio, campaign.max_steps)
     return _figures(fly(mission, factory(flight.allocator)))
 
 

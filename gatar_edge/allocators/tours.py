@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 MAKESPAN_WEIGHT = 5.0
-ROUNDS = 400  # of the local search
+ROUNDS = 100  # of the local search; twenty times as many make better plans, but no shorter missions
 MOST_REMOVED = 4  # targets taken out in one round
 
 INF = float("inf")

@@ -37,6 +37,7 @@ LINE_EVERY_S = 10.0
 @click.option("--r-comm", type=click.FloatRange(0, 10_000), default=6.0, show_default=True, help="Cells.")
 @click.option("--loss", type=click.FloatRange(0, 1), default=0.0, show_default=True, help="Share of messages lost.")
 @click.option("--delay-ticks", type=click.IntRange(0, 100), default=0, show_default=True, help="Of every message.")
+@click.option("--keep-task", is_flag=True, help="Do not reconsider a task before it ends.")
 @click.option("--max-steps", type=click.IntRange(1, 100_000), default=500, show_default=True)
 @click.option(
     "--workers", type=click.IntRange(1, 256), default=1, show_default=True, help="Processes; changes no figure."

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gatar_edge.agent import Agent
+from gatar_edge.grid import UNREACHABLE, path_lengths
 from gatar_edge.record import Recorder
 from gatar_edge.sim_sitl.world import World, observe, reachable_targets
 from gatar_edge.tasks import to_command
@@ -45,6 +46,13 @@ class Lockstep:
         if recorder is not None:
             recorder.truth_map(world.obstacles, world.targets, 0)
         return mission
+
+    def drop_unreachable(self) -> None:
+        """Close the targets that no robot can reach from where it is."""
+        reached = np.zeros(self.world.shape, dtype=np.bool_)
+        for number, cell in self.cells.items():
+            reached |= path_lengths(self.agents[number].identity.kind, cell, ~self.world.obstacles) != UNREACHABLE
+        self.open_targets = {cell for cell in self.open_targets if reached[cell]}
 
     def fly(self, max_steps: int) -> None:
         """Go on until every reachable target is localized or `max_steps` more have passed."""

@@ -4,7 +4,8 @@ import { KIND, taskText } from "gatar/run";
 
 export const esc = (text) => String(text ?? "").replace(/[&<>"']/g, (c) => `&#${c.charCodeAt(0)};`);
 const plural = (n, noun) => `${n} ${noun}${n === 1 ? "" : "s"}`;
-const number = (v, digits = 1) => (v === null || v === undefined ? "–" : Number.isInteger(v) ? v.toLocaleString("en") : v.toFixed(digits));
+const number = (v, digits = 1) => (v === null || v === undefined ? "–" : Math.abs(v) >= 10000 ? `${(v / 1000).toFixed(1)}k` : Number.isInteger(v) ? v.toLocaleString("en") : v.toFixed(digits));
+const bytes = (v) => (v >= 1e6 ? `${(v / 1e6).toFixed(1)}<small>MB` : `${(v / 1e3).toFixed(1)}<small>kB`);
 const REASONS = { allocated: "allocated", kept: "kept", frontier: "explores", nothing_left: "nothing left", no_perception: "no perception" };
 export const reasonText = (reason) => REASONS[reason] ?? reason;
 
@@ -54,7 +55,7 @@ export function tiles(runs) {
     ["Steps to 100 %", (r) => number(r.steps_100)],
     ["Distance UAV / UGV", (r) => `${number(Math.round(r.distance_cells.UAV))}<small>/</small> ${number(Math.round(r.distance_cells.UGV))}<small>cells</small>`],
     ["Tasks given up", (r) => number(r.retasks)],
-    ["Sent per robot", (r) => `${number(r.bytes_per_robot / 1000)}<small>kB in ${number(Math.round(r.messages_per_robot))}</small>`],
+    ["Sent per robot", (r) => `${bytes(r.bytes_per_robot)} in ${number(Math.round(r.messages_per_robot))}</small>`],
     ["Decision p50 / p99", (r) => `${number(r.decision_p50_us / 1000, 2)}<small>/</small> ${number(r.decision_p99_us / 1000, 2)}<small>ms</small>`],
   ];
   return rows.map(([name, text, part]) => {

@@ -140,8 +140,10 @@ class Replay:
         return self.result
 
     def feed(self, entry: Entry) -> None:
-        """One message of the log."""
-        _FEEDS[entry.channel.topic](self, entry)
+        """One message of the log; those that no agent met have no effect."""
+        handler = _FEEDS.get(entry.channel.topic)
+        if handler is not None:
+            handler(self, entry)
 
     def _on_run_info(self, entry: Entry) -> None:
         info = json_object(entry.data)

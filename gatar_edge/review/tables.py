@@ -92,6 +92,23 @@ def _text(value: Any) -> str:
     return "-" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
 
 
+def print_comparison(result: Json) -> None:
+    """Print what `what_if` gives."""
+    before, after = result["as_it_was"], result["changed"]
+    table = _table(f"from {result['from_s']:g} s on", "as it was", "changed")
+    rows: list[tuple[str, Any, Any]] = [
+        ("robots", len(before["robots"]), len(after["robots"])),
+        *((key.replace("_", " "), before[key], after[key]) for key in ("open_targets", "reachable", "localized")),
+    ]
+    rows += [(f"  by step {n}", before["localized_by"][n], after["localized_by"][n]) for n in before["localized_by"]]
+    rows.append(("steps to 100 %", before["steps_100"], after["steps_100"]))
+    rows += [(f"distance {k}, cells", before["distance_cells"][k], after["distance_cells"][k]) for k in ("UAV", "UGV")]
+    rows.append(("tasks given up", before["retasks"], after["retasks"]))
+    for name, one, other in rows:
+        table.add_row(name, _text(one), _text(other))
+    Console(highlight=False).print(table)
+
+
 def replay_lines(result: Json, other: str) -> list[str]:
     """What came of a replay, in words."""
     if other:
