@@ -7,7 +7,6 @@ says what is wrong and how to mend it.
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import importlib.util
 import os
 import time
@@ -43,7 +42,6 @@ class Prepared:
     driver: DriverConfig
     restored: Restored
     seq: int
-    model_sha256: str  # empty for a classical rule
 
     @property
     def flown(self) -> str:
@@ -70,8 +68,7 @@ def prepare(config: VehicleConfig, unix_ns: int) -> Prepared:
     restored = Restored(LoadOutcome.ABSENT)
     if config.state.file:
         restored = load(Path(config.state.file), config.robot.id, config.agent, unix_ns, config.state.max_age_s)
-    seq = first_seq(unix_ns, restored.last_seq)
-    return Prepared(config, key, allocator, driver, restored, seq, _model_digest(config))
+    return Prepared(config, key, allocator, driver, restored, first_seq(unix_ns, restored.last_seq))
 
 
 def driver_config(config: VehicleConfig) -> DriverConfig:
@@ -122,14 +119,6 @@ def _load_allocator(config: VehicleConfig) -> Allocator:
     if model.file:
         raise ConfigError(f"model.file is for the allocator gatar, not {model.allocator}: leave one of them out")
     return make(model.allocator)()
-
-
-def _model_digest(config: VehicleConfig) -> str:
-    if config.model.allocator != "gatar":
-        return ""
-    from gatar_edge.policy import DEFAULT_MODEL
-
-    return hashlib.sha256((Path(config.model.file) if config.model.file else DEFAULT_MODEL).read_bytes()).hexdigest()
 
 
 def describe(prepared: Prepared, *, dry_run: bool) -> list[str]:

@@ -153,11 +153,12 @@ def opened(prepared: Prepared, clock_ns: Clock, *, dry_run: bool) -> Iterator[Pr
         journal = Journal(config.robot.id, log)
         link = stack.enter_context(open_link(config.vehicle.url))
         radio, tap = _open_radio(config, prepared.driver.sysid, link)
+        stack.callback(radio.close)
         perception = PerceptionSocket(config.perception.listen, allow_remote=config.perception.allow_remote)
+        stack.callback(perception.close)
         vehicle = _vehicle(prepared, link, journal, log, clock_ns(), dry_run=dry_run, tap=tap)
         waiter = Waiter([radio.fileno, perception.fileno, link.fileno])
-        for closing in (radio, perception, waiter):
-            stack.callback(closing.close)
+        stack.callback(waiter.close)
         notifier = Notifier()
         watchers = [notifier.published]
         if config.watch.http:
@@ -247,8 +248,6 @@ def _open_log(prepared: Prepared, now_ns: int) -> RotatingLog | None:
         config.agent,
         [prepared.identity],
         prepared.flown,
-        model=config.model.file,
-        model_sha256=prepared.model_sha256,
         first_seqs={config.robot.id: prepared.seq},
         extra={"simulated": False, "restored": prepared.restored.outcome.value},
     )
