@@ -153,12 +153,12 @@ def anchored_clock() -> Callable[[], int]:
 
 
 def _launching(config: VehicleConfig, dry_run: bool) -> str:
-    height = f" to {config.vehicle.altitude_m:g} m" if config.kind is RobotKind.UAV else ""
+    starts = f"takes off to {config.vehicle.altitude_m:g} m" if config.kind is RobotKind.UAV else "drives off"
     if dry_run:
         return "shadow mode: no command is sent"
     if config.vehicle.launch == "auto":
-        return f"ARMS AND STARTS BY ITSELF{height}"
-    return f"takes over when a person has armed it{height}"
+        return f"ARMS BY ITSELF and {starts}"
+    return f"{starts} when a person has armed it"
 
 
 def _check_addresses(config: VehicleConfig) -> None:
