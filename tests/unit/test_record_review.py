@@ -27,6 +27,7 @@ from gatar_edge.review.merge import merge
 from gatar_edge.review.moment import explain_at
 from gatar_edge.review.reader import LogReader, json_object
 from gatar_edge.review.replay import Replay
+from gatar_edge.review.story import read_story
 from gatar_edge.runinfo import describe_run
 from gatar_edge.tasks import to_command
 from gatar_edge.types import NS_PER_S, GridSpec, RobotKind
@@ -131,6 +132,26 @@ def test_logs_of_robots_with_different_clocks_land_on_one_time_line(tmp_path: Pa
     replayed = Replay(lambda _: Greedy()).run(log)
     assert replayed.same
     assert replayed.robots == {1, 2}
+
+
+def test_without_a_simulator_the_log_counts_the_targets_that_robots_knew(tmp_path: Path) -> None:
+    config = AgentConfig(grid=GridSpec(width=8, height=8))
+    robot = Identity(1, RobotKind.UAV, 1.0)
+    agent = Agent(robot, config, Greedy(), DEMO_KEY)
+    recorder = Recorder(tmp_path / "a.mcap", describe_run(config, [robot], "greedy"), 0)
+    for second, cell in enumerate(((1, 1), (1, 2), (1, 3))):
+        seen = observation(cell, targets=[(1, 3), (6, 6)], t_ns=second * NS_PER_S)
+        agent.observe(seen)
+        recorder.observation(seen)
+        decision = agent.decide(second * NS_PER_S)
+        command = to_command(robot.kind, decision.assignment)
+        recorder.decision(decision, command, command, second * NS_PER_S)
+        recorder.belief(1, agent.belief, config.grid, second * NS_PER_S)
+    recorder.close()
+    story = read_story(LogReader(tmp_path / "a.mcap"))
+    assert (story["result"]["localized"], story["result"]["reachable"]) == (1, 2)
+    assert story["visits"] == [[2000, 1, 1, 3, None]]
+    assert "1 of 2 that the robots knew of" in run("info", tmp_path / "a.mcap").output
 
 
 def test_merging_takes_two_logs_and_spares_its_sources(tmp_path: Path) -> None:
