@@ -7,7 +7,7 @@ says what is wrong and how to mend it.
 from __future__ import annotations
 
 import contextlib
-import hashlib
+import importlib.util
 import os
 import time
 from collections.abc import Callable
@@ -20,7 +20,7 @@ from gatar_edge.agent import Identity
 from gatar_edge.allocators.base import Allocator
 from gatar_edge.bridge.link import check_url
 from gatar_edge.bridge.settings import DriverConfig
-from gatar_edge.errors import ConfigError, GatarError
+from gatar_edge.errors import ConfigError, GatarError, MissingExtraError
 from gatar_edge.keys import read_key
 from gatar_edge.message import MESSAGE_BYTES, first_seq
 from gatar_edge.perception_link import local_address
@@ -42,7 +42,6 @@ class Prepared:
     driver: DriverConfig
     restored: Restored
     seq: int
-    model_sha256: str  # empty for a classical rule
 
     @property
     def flown(self) -> str:
@@ -69,8 +68,7 @@ def prepare(config: VehicleConfig, unix_ns: int) -> Prepared:
     restored = Restored(LoadOutcome.ABSENT)
     if config.state.file:
         restored = load(Path(config.state.file), config.robot.id, config.agent, unix_ns, config.state.max_age_s)
-    seq = first_seq(unix_ns, restored.last_seq)
-    return Prepared(config, key, allocator, driver, restored, seq, _model_digest(config))
+    return Prepared(config, key, allocator, driver, restored, first_seq(unix_ns, restored.last_seq))
 
 
 def driver_config(config: VehicleConfig) -> DriverConfig:
@@ -123,14 +121,6 @@ def _load_allocator(config: VehicleConfig) -> Allocator:
     return make(model.allocator)()
 
 
-def _model_digest(config: VehicleConfig) -> str:
-    if config.model.allocator != "gatar":
-        return ""
-    from gatar_edge.policy import DEFAULT_MODEL
-
-    return hashlib.sha256((Path(config.model.file) if config.model.file else DEFAULT_MODEL).read_bytes()).hexdigest()
-
-
 def describe(prepared: Prepared, *, dry_run: bool) -> list[str]:
     """What the daemon would do, for people."""
     config, net, vehicle = prepared.config, prepared.config.net, prepared.config.vehicle
@@ -163,12 +153,12 @@ def anchored_clock() -> Callable[[], int]:
 
 
 def _launching(config: VehicleConfig, dry_run: bool) -> str:
-    height = f" to {config.vehicle.altitude_m:g} m" if config.kind is RobotKind.UAV else ""
+    starts = f"takes off to {config.vehicle.altitude_m:g} m" if config.kind is RobotKind.UAV else "drives off"
     if dry_run:
         return "shadow mode: no command is sent"
     if config.vehicle.launch == "auto":
-        return f"ARMS AND STARTS BY ITSELF{height}"
-    return f"takes over when a person has armed it{height}"
+        return f"ARMS BY ITSELF and {starts}"
+    return f"{starts} when a person has armed it"
 
 
 def _check_addresses(config: VehicleConfig) -> None:
@@ -177,6 +167,8 @@ def _check_addresses(config: VehicleConfig) -> None:
         local_address(config.perception.listen, allow_remote=config.perception.allow_remote)
     if config.watch.http:
         parse_address(config.watch.http, "watch.http")
+    if config.net.transport == "zenoh" and importlib.util.find_spec("zenoh") is None:
+        raise MissingExtraError("net.transport = 'zenoh'", "zenoh", "eclipse-zenoh")
     if config.net.transport == "udp":
         parse_address(config.net.listen, "net.listen")
         for peer in config.net.peers:

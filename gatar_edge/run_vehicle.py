@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Protocol
 
 from gatar_edge.agent import Agent
-from gatar_edge.allocators.base import Negotiator
 from gatar_edge.bridge.driver import VehicleDriver
 from gatar_edge.bridge.link import Link, open_link
 from gatar_edge.daemon import POLL_NS, STOP_NS, Daemon, Ports, Settings
@@ -154,11 +153,12 @@ def opened(prepared: Prepared, clock_ns: Clock, *, dry_run: bool) -> Iterator[Pr
         journal = Journal(config.robot.id, log)
         link = stack.enter_context(open_link(config.vehicle.url))
         radio, tap = _open_radio(config, prepared.driver.sysid, link)
+        stack.callback(radio.close)
         perception = PerceptionSocket(config.perception.listen, allow_remote=config.perception.allow_remote)
+        stack.callback(perception.close)
         vehicle = _vehicle(prepared, link, journal, log, clock_ns(), dry_run=dry_run, tap=tap)
         waiter = Waiter([radio.fileno, perception.fileno, link.fileno])
-        for closing in (radio, perception, waiter):
-            stack.callback(closing.close)
+        stack.callback(waiter.close)
         notifier = Notifier()
         watchers = [notifier.published]
         if config.watch.http:
@@ -170,7 +170,7 @@ def opened(prepared: Prepared, clock_ns: Clock, *, dry_run: bool) -> Iterator[Pr
             _make_agent(prepared, journal, log, clock_ns()),
             Perception(config.robot.id, config.kind, config.grid_spec),
             ByteBudget(config.net.bytes_per_s, sends=radio.sends),
-            Ports(radio, perception, vehicle, clock_ns, log, saver, _to_all(watchers)),
+            Ports(radio, perception, vehicle, clock_ns, log, saver, _to_all(watchers), lambda: _problem(radio)),
             _settings(config, dry_run=dry_run),
         )
         if log is not None:
@@ -195,6 +195,11 @@ def _open_radio(config: VehicleConfig, sysid: int, link: Link) -> tuple[Transpor
         tunnel = MavlinkTunnel(lambda data: link.send(data, sysid), link.fileno, sysid)
         return tunnel, tunnel.feed
     return UdpTransport(net.listen, net.peers, net.group or None), None
+
+
+def _problem(radio: Transport) -> str:
+    """What is wrong with a transport that can tell."""
+    return str(getattr(radio, "problem", ""))
 
 
 def _vehicle(
@@ -243,8 +248,6 @@ def _open_log(prepared: Prepared, now_ns: int) -> RotatingLog | None:
         config.agent,
         [prepared.identity],
         prepared.flown,
-        model=config.model.file,
-        model_sha256=prepared.model_sha256,
         first_seqs={config.robot.id: prepared.seq},
         extra={"simulated": False, "restored": prepared.restored.outcome.value},
     )

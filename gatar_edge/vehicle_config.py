@@ -84,6 +84,8 @@ class NetSection(_Section, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         if self.transport == "udp" and not self.peers and not self.group:
             raise ValueError("nobody to talk to: give `peers` (a list of host:port) or a multicast `group`")
+        if self.transport == "zenoh" and self.listen and "/" not in self.listen:
+            raise ValueError(f"`listen` {self.listen!r} is no zenoh endpoint: tcp/0.0.0.0:7447, tls/..., or empty")
         if self.transport != "udp" and self.group:
             raise ValueError(f"`group` is of transport udp, not {self.transport}")
 
@@ -97,7 +99,7 @@ class VehicleSection(_Section, frozen=True, kw_only=True):
     altitude_band_m: tuple[float, float] = (2.0, 120.0)  # outside of it nothing is commanded
     fence: list[tuple[_Latitude, _Longitude]] = field(default_factory=list)  # corners; empty: the grid's rectangle
     drive: Literal["mission", "guided"] = "mission"  # how a UGV is driven
-    launch: Literal["armed", "auto"] = "armed"  # take over when a person has armed it, or arm it oneself
+    launch: Literal["armed", "auto"] = "armed"  # take over, and take off, once a person has armed it; or arm it oneself
     on_stop: Literal["hold", "leave"] = "hold"  # what SIGTERM does: stop the vehicle, or leave it to its last order
 
     def __post_init__(self) -> None:

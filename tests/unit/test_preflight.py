@@ -47,7 +47,7 @@ def check(path: Path) -> Prepared:
 def test_a_good_configuration_is_described_with_what_it_would_do(tmp_path: Path) -> None:
     prepared = check(written(tmp_path))
     text = "\n".join(describe(prepared, dry_run=False))
-    assert "takes over when a person has armed it to 20 m" in text
+    assert "takes off to 20 m when a person has armed it" in text
     assert "greedy 5 times a second" in text
     assert "635 of 32768 bytes/s" in text
     assert "shadow mode: no command is sent" in "\n".join(describe(prepared, dry_run=True))
