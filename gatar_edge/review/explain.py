@@ -197,9 +197,9 @@ def _reason(decision: Json, candidates: list[Json]) -> str:
     if reason == "frontier":
         free = sum(c["length"] >= 0 and c["given_to"] == c["claimed_by"] == NOBODY for c in candidates)
         if free:
-            left = f"The {decision['allocator']} allocator gave it none of {_count(free, 'open target')} that nobody claims"
-            return f"{left}, so it goes to see the nearest unknown cell that nobody else covers."
-    return _REASONS.get(reason, reason).format(allocator=decision["allocator"])
+            none = f"The {decision['allocator']} allocator gave it none of {_count(free, 'open target')}"
+            return f"{none} that nobody claims, so it goes to see the nearest unknown cell that nobody else covers."
+    return str(_REASONS.get(reason, reason)).format(allocator=decision["allocator"])
 
 
 def _taken_offer(decision: Json, candidates: list[Json]) -> list[str]:
