@@ -20,6 +20,7 @@ from gatar_edge.commands.log import command
 from gatar_edge.config import AgentConfig
 from gatar_edge.errors import GatarError, LogError
 from gatar_edge.keys import DEMO_KEY
+from gatar_edge.persist import snapshot
 from gatar_edge.record import Recorder
 from gatar_edge.review.explain import explain, words
 from gatar_edge.review.export import export_csv, export_tlog
@@ -230,3 +231,30 @@ def test_a_difference_gives_exit_code_one(tmp_path: Path) -> None:
     result = run("replay", tmp_path / "b.mcap")
     assert result.exit_code == 1
     assert "first difference: robot" in result.output
+
+
+def test_files_that_a_recorder_rotated_replay_once_they_are_merged(tmp_path: Path) -> None:
+    config = AgentConfig(grid=GridSpec(width=8, height=8))
+    robot = Identity(1, RobotKind.UAV, 1.0)
+    agent = Agent(robot, config, Greedy(), DEMO_KEY)
+    info = describe_run(config, [robot], "greedy")
+    paths = [tmp_path / "one.mcap", tmp_path / "two.mcap"]
+    for part, path in enumerate(paths):
+        recorder = Recorder(path, info, part * 5 * NS_PER_S)
+        if part:
+            recorder.takes_over(snapshot(agent, 0), 5 * NS_PER_S)
+        for second in range(part * 5, part * 5 + 5):
+            now = second * NS_PER_S
+            seen = observation((1, second % 8), targets=[(6, 6)], t_ns=now)
+            agent.observe(seen)
+            recorder.observation(seen)
+            decision = agent.decide(now)
+            command = to_command(robot.kind, decision.assignment)
+            recorder.decision(decision, command, command, now)
+            recorder.sent(1, agent.beacon(now), now)
+        recorder.close()
+    result = merge(paths, tmp_path / "whole.mcap")
+    assert result.unplaced == ()
+    replayed = Replay(lambda _: Greedy()).run(LogReader(tmp_path / "whole.mcap"))
+    assert replayed.same
+    assert replayed.decisions == 10
