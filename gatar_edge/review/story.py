@@ -35,6 +35,11 @@ def read_story(log: LogReader) -> Json:
     story.stride = max(1, decisions // 20_000)
     for entry in log.messages(lambda channel, _: channel.topic in _HANDLERS):
         _HANDLERS[entry.channel.topic](story, entry, max(0, entry.log_ns - story.start_ns) // NS_PER_MS)
+    if figures.targets is None:
+        story.visits = [
+            [max(0, t_ns - story.start_ns) // NS_PER_MS, robot, *cell, None]
+            for cell, (t_ns, robot) in sorted(figures.known_localized.items(), key=lambda known: known[1])
+        ]
     return page_data(story, summarize(figures, log.damage, log.path.stat().st_size), log.path.name)
 
 
