@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 from gatar_edge.bridge import wire
+from gatar_edge.bridge.signing import SIGNATURE_BYTES, Signing
 from gatar_edge.bridge.wire import Message, Received
 
 os.environ["MAVLINK20"] = "1"  # read by pymavlink when it is imported
@@ -21,22 +22,26 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 MAX_PARSE_BYTES = 65536
 
 _V2_MAGIC = 0xFD
+_V2_HEADER, _V1_HEADER = 10, 6
 _V2_SIGNED = 0x01
-_SIGNATURE_BYTES = 13
 
 
 class Codec:
     """One stream's encoder (own identity and sequence number) and parser. Not shared between streams."""
 
-    def __init__(self, sysid: int, compid: int) -> None:
+    def __init__(self, sysid: int, compid: int, signing: Signing | None = None) -> None:
         self.address: wire.Address = (sysid, compid)
+        self.signing = signing
         self._mav = mavlink.MAVLink(io.BytesIO(), srcSystem=sysid, srcComponent=compid)
         self._mav.robust_parsing = True
         self.bad_bytes = 0  # received and not part of any valid frame
 
     def encode(self, message: Message) -> bytes:
         """The frame of a message that a companion sends; `KeyError` for one that it never does."""
-        frame: bytes = _BUILDERS[type(message)](message).pack(self._mav)
+        built = _BUILDERS[type(message)](message)
+        frame: bytes = built.pack(self._mav)
+        if self.signing is not None:
+            frame = self.signing.sign(_with_flags(frame, frame[2] | _V2_SIGNED, built.crc_extra))
         self._mav.seq = (self._mav.seq + 1) % 256
         return frame
 
@@ -55,14 +60,26 @@ class Codec:
             return None
         read = _READERS.get(frame.get_msgId())
         source = (frame.get_srcSystem(), frame.get_srcComponent())
+        if self.signing is not None and not self.signing.accepts(raw, source, frame.get_msgId()):
+            return None
         message = read(frame) if read is not None else None
-        return Received(source, frame.get_seq(), frame.get_msgId(), strip_signature(raw), message)
+        signed = raw[0] == _V2_MAGIC and bool(raw[2] & _V2_SIGNED)
+        return Received(source, frame.get_seq(), frame.get_msgId(), strip_signature(raw), message, signed)
+
+
+def _with_flags(frame: bytes, flags: int, crc_extra: int) -> bytes:
+    """A MAVLink 2 frame without signature under other incompatibility flags, and so another checksum."""
+    body = frame[1:2] + bytes([flags]) + frame[3:-2]
+    checksum: int = mavlink.x25crc(body + bytes([crc_extra])).crc
+    return frame[:1] + body + checksum.to_bytes(2, "little")
 
 
 def strip_signature(frame: bytes) -> bytes:
-    """A MAVLink 2 frame without its 13 signature bytes, for logs. The flag stays, as it is under the checksum."""
-    signed = len(frame) > 12 and frame[0] == _V2_MAGIC and frame[2] & _V2_SIGNED
-    return frame[:-_SIGNATURE_BYTES] if signed else frame
+    """A frame as it would be unsigned, for logs: any reader can parse it, nobody can replay it."""
+    known = mavlink.mavlink_map.get(message_id(frame))
+    if len(frame) <= 12 or frame[0] != _V2_MAGIC or not frame[2] & _V2_SIGNED or known is None:
+        return frame
+    return _with_flags(frame[:-SIGNATURE_BYTES], frame[2] & ~_V2_SIGNED, known.crc_extra)
 
 
 def message_id(frame: bytes) -> int:
@@ -86,6 +103,13 @@ def _text(m: Any) -> wire.StatusText:
     return wire.StatusText(m.severity, m.text if isinstance(m.text, str) else m.text.decode("ascii", "replace"))
 
 
+def _parameter(m: Any) -> wire.ParamValue:
+    raw = bytes(m.get_msgbuf())
+    at = _V2_HEADER if raw[0] == _V2_MAGIC else _V1_HEADER
+    # the bytes, not the float: an integer's bits in it may be those of a signalling NaN, which no float survives
+    return wire.ParamValue(str(m.param_id), (raw[at : at + min(4, raw[1])] + bytes(4))[:4], m.param_type)
+
+
 def _position_target(m: Any) -> wire.PositionTarget:
     return wire.PositionTarget(m.lat_int, m.lon_int, m.alt)
 
@@ -94,15 +118,21 @@ def _position_target(m: Any) -> wire.PositionTarget:
 _READERS: dict[int, Callable[[Any], Message]] = {
     0: lambda m: wire.Heartbeat(m.type, m.autopilot, m.base_mode, m.custom_mode, m.system_status),
     1: lambda m: wire.SysStatus(m.battery_remaining),
+    2: lambda m: wire.SystemTime(m.time_unix_usec),
+    22: _parameter,
+    24: lambda m: wire.GpsRaw(m.fix_type, m.satellites_visible),
     33: lambda m: wire.GlobalPosition(m.lat, m.lon, m.alt, m.relative_alt, m.vx, m.vy, m.hdg),
     40: lambda m: wire.MissionRequest((m.target_system, m.target_component), m.seq, m.mission_type),
     42: lambda m: wire.MissionCurrent(m.seq, m.total, m.mission_state),
     44: lambda m: wire.MissionCount((m.target_system, m.target_component), m.count, m.mission_type),
     47: lambda m: wire.MissionAck((m.target_system, m.target_component), m.type, m.mission_type),
+    49: lambda m: wire.GlobalOrigin(m.latitude, m.longitude, m.altitude),
     51: lambda m: wire.MissionRequest((m.target_system, m.target_component), m.seq, m.mission_type),
     73: _item,
     77: lambda m: wire.CommandAck(m.command, m.result, (m.target_system, m.target_component)),
     87: _position_target,
+    111: lambda m: wire.TimeSync(m.tc1, m.ts1),
+    148: lambda m: wire.AutopilotVersion(m.capabilities, m.flight_sw_version),
     242: lambda m: wire.HomePosition(m.latitude, m.longitude, m.altitude),
     245: lambda m: wire.ExtendedSysState(m.landed_state),
     253: _text,
@@ -123,5 +153,10 @@ _BUILDERS: dict[type, Callable[[Any], Any]] = {
     wire.MissionAck: lambda m: mavlink.MAVLink_mission_ack_message(*m.target, m.result, m.mission_type),
     wire.MissionRequestList: lambda m: mavlink.MAVLink_mission_request_list_message(*m.target, m.mission_type),
     wire.MissionClearAll: lambda m: mavlink.MAVLink_mission_clear_all_message(*m.target, m.mission_type),
+    wire.ParamRead: lambda m: mavlink.MAVLink_param_request_read_message(*m.target, m.name.encode("ascii"), -1),
+    wire.SetGlobalOrigin: lambda m: mavlink.MAVLink_set_gps_global_origin_message(
+        m.sysid, m.lat_e7, m.lon_e7, m.alt_amsl_mm
+    ),
+    wire.TimeSync: lambda m: mavlink.MAVLink_timesync_message(m.tc1, m.ts1),
     wire.MissionSetCurrent: lambda m: mavlink.MAVLink_mission_set_current_message(*m.target, m.seq),
 }

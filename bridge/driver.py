@@ -13,12 +13,13 @@ from collections import deque
 from dataclasses import dataclass
 
 from gatar_edge.bridge import wire
-from gatar_edge.bridge.codec import Codec
-from gatar_edge.bridge.geo import expand, wgs84_to_cell, wgs84_to_grid_m
+from gatar_edge.bridge.codec import Codec, strip_signature
+from gatar_edge.bridge.geo import Point, expand, inside_grid, wgs84_to_grid_m
 from gatar_edge.bridge.launch import Phase
 from gatar_edge.bridge.profiles import Unsupported, choose
 from gatar_edge.bridge.safety import Known, Refusal, gate
 from gatar_edge.bridge.settings import DriverConfig
+from gatar_edge.bridge.signing import TICK_NS, Signing
 from gatar_edge.bridge.status import DriverEvent, EventKind, Status
 from gatar_edge.bridge.vehicle import Vehicle
 from gatar_edge.types import NS_PER_S, Cell, Hold, Mission, VehicleCommand, VehicleState
@@ -39,17 +40,23 @@ class FrameRecord:
 class VehicleDriver:
     """Drives one vehicle. Nothing that a peer sends makes it raise."""
 
-    def __init__(self, config: DriverConfig, now_ns: int) -> None:
+    def __init__(self, config: DriverConfig, now_ns: int, signing: Signing | None = None) -> None:
+        """`signing`: the key of this link; its `timestamp` is the caller's to keep over restarts."""
         self.config = config
-        self._codec = Codec(config.sysid, config.compid)
+        self._codec = Codec(config.sysid, config.compid, signing)
+        # signing timestamps go on from where the caller began, at the pace of the injected clock
+        self._signing_base = signing.timestamp - now_ns // TICK_NS if signing is not None else 0
         self._limits = config.limits()
         self._vehicle: Vehicle | None = None
         self._unsupported: str | None = None
         self._launch = config.auto_launch
         self._connected = False
         self._pursued: VehicleCommand = Hold("no command yet")
+        self._here: tuple[tuple[float, float], Point] | None = None  # (lat, lon) and the same in the grid's metres
+        self._applied = False  # it was sent
         self._start_cell: Cell | None = None  # where the pursued mission began
-        self._pursued_ns = self._retasked_ns = -1
+        self._retasked_ns = -1
+        self._failed_ns: int | None = None  # since when the pursuit fails
         self._retasks = 0
         self._heartbeat_ns = now_ns - round(NS_PER_S / config.heartbeat_hz)
         self._critical = False
@@ -83,21 +90,22 @@ class VehicleDriver:
         if not isinstance(passed, Hold):
             self._retasks += passed != self._pursued
             self._retasked_ns = now_ns
-        self._pursued, self._pursued_ns, self._start_cell = passed, now_ns, self._cell()
+        self._pursued, self._failed_ns, self._start_cell = passed, None, self._cell()
         self._tell(now_ns, EventKind.COMMAND, str(passed))
-        if self._vehicle is not None:
-            self._vehicle.pursue(passed, now_ns)
+        self._applied = self._vehicle is not None and self._vehicle.pursue(passed, now_ns)
         return passed
 
     def poll(self, now_ns: int) -> bytes:
         """All bytes to send now. Call it from the working loop: it is what proves to the vehicle that we live."""
+        if self._codec.signing is not None:
+            self._codec.signing.advance(self._signing_base + now_ns // TICK_NS)
         out: list[wire.Message] = [*self._heartbeat(now_ns)]
         if self._vehicle is not None:
             out += self._vehicle.poll(now_ns, self._launch)
             self._events.extend(self._vehicle.events)
             self._vehicle.events.clear()
             if self._vehicle.launch.phase is Phase.PILOT and not isinstance(self._pursued, Hold):
-                self._pursued = Hold(Refusal.PILOT.value)
+                self._pursued, self._applied = Hold(Refusal.PILOT.value), False
             self._watch_connection(self._vehicle.connected(now_ns), now_ns)
         return b"".join([self._encode(message, now_ns) for message in out])
 
@@ -188,18 +196,27 @@ class VehicleDriver:
         self._unsupported = text
 
     def _cell(self) -> Cell | None:
+        here, size = self._position_m(), self.config.grid.cell_m
+        cell = (math.floor(here[0] / size), math.floor(here[1] / size)) if here is not None else None
+        return cell if cell is not None and inside_grid(self.config.grid, cell) else None
+
+    def _position_m(self) -> Point | None:
+        """The vehicle's latest position in metres along the grid's axes, worked out once."""
         lat_lon = self._vehicle.seen.lat_lon_deg if self._vehicle is not None else None
-        return wgs84_to_cell(self.config.grid, *lat_lon) if lat_lon is not None else None
+        if lat_lon is None:
+            return None
+        if self._here is None or self._here[0] != lat_lon:
+            self._here = lat_lon, wgs84_to_grid_m(self.config.grid, *lat_lon)
+        return self._here[1]
 
     def _known(self, now_ns: int) -> Known:
         vehicle = self._vehicle
-        lat_lon = vehicle.seen.lat_lon_deg if vehicle is not None else None
         return Known(
             now_ns=now_ns,
             pilot=vehicle is not None and vehicle.launch.phase is Phase.PILOT,
             ready=vehicle is not None and vehicle.ready(now_ns),
             home=vehicle is not None and vehicle.seen.home is not None,
-            position_m=wgs84_to_grid_m(self.config.grid, *lat_lon) if lat_lon is not None else None,
+            position_m=self._position_m(),
             position_ns=vehicle.seen.position_ns if vehicle is not None else -1,
             pursued=self._pursued,
             retasked_ns=self._retasked_ns,
@@ -208,11 +225,19 @@ class VehicleDriver:
     def _unchanged(self, passed: VehicleCommand, now_ns: int) -> bool:
         """Whether nothing new has to be sent for `passed`."""
         if isinstance(passed, Hold):
-            return isinstance(self._pursued, Hold)
-        failed = self.status.failed and self.status is not Status.NOT_PROGRESSING
-        if failed and now_ns - self._pursued_ns >= self.config.failed_retry_s * NS_PER_S:
+            # one that could not be sent, because the link was down or the position old, must be sent once it can
+            waits = not self._applied and self._vehicle is not None and self._vehicle.ready(now_ns)
+            return isinstance(self._pursued, Hold) and not waits
+        return not self._due_again(now_ns) and (passed == self._pursued or self._is_rest_of_pursued(passed))
+
+    def _due_again(self, now_ns: int) -> bool:
+        """Whether the command has been failing for so long that it is time for another try."""
+        if not self.status.failed or self.status is Status.NOT_PROGRESSING:
+            self._failed_ns = None
             return False
-        return passed == self._pursued or self._is_rest_of_pursued(passed)
+        if self._failed_ns is None:
+            self._failed_ns = now_ns
+        return now_ns - self._failed_ns >= self.config.failed_retry_s * NS_PER_S
 
     def _is_rest_of_pursued(self, passed: VehicleCommand) -> bool:
         """Whether a mission is what remains of the pursued one: paths are planned anew from the robot's own cell."""
@@ -246,7 +271,7 @@ class VehicleDriver:
     def _encode(self, message: wire.Message, now_ns: int) -> bytes:
         frame = self._codec.encode(message)
         if self.config.log_frames:
-            self._frames.append(FrameRecord(now_ns, True, frame))
+            self._frames.append(FrameRecord(now_ns, True, strip_signature(frame)))
         return frame
 
     def _tell(self, now_ns: int, kind: EventKind, text: str) -> None:

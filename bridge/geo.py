@@ -8,6 +8,7 @@ cell (0, 0). `heading_deg` turns the grid's +y axis clockwise from north. A flat
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from itertools import pairwise
 
 from gatar_edge.types import Cell, GridSpec
@@ -54,21 +55,24 @@ def _ecef_to_geodetic(x: float, y: float, z: float) -> Point3:
     return math.degrees(lat), math.degrees(math.atan2(y, x)), alt
 
 
+@lru_cache(maxsize=64)  # one site has one origin, asked for at every position
+def _frame(origin: Point3) -> tuple[float, float, float, float, float, float, float]:
+    """Sine and cosine of latitude and longitude, and the place in ECEF, of (lat_deg, lon_deg, alt_m)."""
+    lat, lon = math.radians(origin[0]), math.radians(origin[1])
+    return math.sin(lat), math.cos(lat), math.sin(lon), math.cos(lon), *_geodetic_to_ecef(*origin)
+
+
 def enu_to_geodetic(enu_m: Point3, origin: Point3) -> Point3:
     """A point (east, north, up) of `origin` = (lat_deg, lon_deg, alt_m), as (lat_deg, lon_deg, alt_m)."""
     east_m, north_m, up_m = enu_m
-    lat, lon = math.radians(origin[0]), math.radians(origin[1])
-    sl, cl, so, co = math.sin(lat), math.cos(lat), math.sin(lon), math.cos(lon)
-    x0, y0, z0 = _geodetic_to_ecef(*origin)
+    sl, cl, so, co, x0, y0, z0 = _frame(origin)
     ring = cl * up_m - sl * north_m
     return _ecef_to_geodetic(x0 + co * ring - so * east_m, y0 + so * ring + co * east_m, z0 + sl * up_m + cl * north_m)
 
 
 def geodetic_to_enu(point: Point3, origin: Point3) -> Point3:
     """A point (lat_deg, lon_deg, alt_m) as metres (east, north, up) of `origin`, given alike."""
-    lat, lon = math.radians(origin[0]), math.radians(origin[1])
-    sl, cl, so, co = math.sin(lat), math.cos(lat), math.sin(lon), math.cos(lon)
-    x0, y0, z0 = _geodetic_to_ecef(*origin)
+    sl, cl, so, co, x0, y0, z0 = _frame(origin)
     x, y, z = _geodetic_to_ecef(*point)
     dx, dy, dz = x - x0, y - y0, z - z0
     ring = co * dx + so * dy
@@ -121,25 +125,8 @@ def wgs84_to_cell(grid: GridSpec, lat_deg: float, lon_deg: float) -> Cell | None
     return cell if inside_grid(grid, cell) else None
 
 
-def simplify(path: tuple[Cell, ...]) -> tuple[Cell, ...]:
-    """The corners of a 4-connected path and its end, without its start: what a ground robot must drive through.
-
-    Legs between consecutive corners run along one axis through exactly the path's cells, so the simplified path cuts
-    no obstacle's corner. A path of one cell gives that cell; an empty path gives none.
-    """
-    if len(path) < 2:
-        return path
-    corners = [
-        path[i]
-        for i in range(1, len(path) - 1)
-        if (path[i][0] - path[i - 1][0], path[i][1] - path[i - 1][1])
-        != (path[i + 1][0] - path[i][0], path[i + 1][1] - path[i][1])
-    ]
-    return (*corners, path[-1])
-
-
 def expand(start: Cell, corners: tuple[Cell, ...]) -> tuple[Cell, ...] | None:
-    """The cells from `start` through all corners, both ends included: the inverse of `simplify`.
+    """The cells from `start` through all corners, both ends included: undoes `grid.simplify`.
 
     None where a leg does not run along one axis, so that its cells are not defined.
     """
@@ -157,6 +144,8 @@ def segment_inside(polygon: tuple[Point, ...], a: Point, b: Point) -> bool:
     """Whether the straight line from a to b stays inside a simple polygon (its border counts as inside)."""
     if not (point_inside(polygon, a) and point_inside(polygon, b)):
         return False
+    if _is_convex(polygon):
+        return True
     edges = list(zip(polygon, (*polygon[1:], polygon[0]), strict=True))
     cuts = sorted({0.0, 1.0, *(t for edge in edges for t in _crossings(a, b, *edge))})
     # between two neighbouring cuts the line is wholly inside or wholly outside
@@ -165,13 +154,21 @@ def segment_inside(polygon: tuple[Point, ...], a: Point, b: Point) -> bool:
 
 def point_inside(polygon: tuple[Point, ...], p: Point) -> bool:
     """Whether a point lies in a simple polygon, its border (within 1 mm) included."""
+    edges = list(zip(polygon, (*polygon[1:], polygon[0]), strict=True))
     inside = False
-    for a, b in zip(polygon, (*polygon[1:], polygon[0]), strict=True):
-        if _distance_to_segment(p, a, b) <= 1e-3:
-            return True
+    for a, b in edges:
         if (a[1] > p[1]) != (b[1] > p[1]) and p[0] < a[0] + (p[1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0]):
             inside = not inside
-    return inside
+    return inside or any(_distance_to_segment(p, a, b) <= 1e-3 for a, b in edges)
+
+
+@lru_cache(maxsize=64)
+def _is_convex(polygon: tuple[Point, ...]) -> bool:
+    """Whether a simple polygon turns one way only."""
+    n = len(polygon)
+    corners = ((polygon[i - 1], polygon[i], polygon[(i + 1) % n]) for i in range(n))
+    turns = [(b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0]) for a, b, c in corners]
+    return all(t >= 0 for t in turns) or all(t <= 0 for t in turns)
 
 
 def _between(a: Point, b: Point, t: float) -> Point:

@@ -91,11 +91,6 @@ class Guided:
         self._hold = False
         self._since_ns = self._matched_ns = 0
 
-    @property
-    def index(self) -> int:
-        """Which of the points is being approached."""
-        return self._index
-
     def go(self, points: Points, alt_rel_m: float, home_amsl_m: float, now_ns: int, *, hold: bool = False) -> None:
         """Visit (lat, lon) points in order, `alt_rel_m` above home. `hold`: the point is where it is already."""
         self._points, self._alt_m, self._home_amsl_m = points, alt_rel_m, home_amsl_m

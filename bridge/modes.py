@@ -12,7 +12,7 @@ from gatar_edge.bridge.wire import CUSTOM_MODE_FLAG, Command
 from gatar_edge.types import NS_PER_S
 
 RETRY_NS = NS_PER_S
-# A mode that we asked for may show up this much later: a delayed copy of the command, or a slow heartbeat.
+# A mode that we asked for before the present one may show up this much later: a delayed copy of the command.
 ASKED_LIFE_NS = 3 * NS_PER_S
 
 
@@ -22,7 +22,8 @@ class ModeKeeper:
     def __init__(self, profile: Profile, commands: CommandClient) -> None:
         self._profile, self._commands = profile, commands
         self._asked_ns: dict[int, int] = {}  # mode -> when last asked for
-        self._want: int | None = None
+        self._want: int | None = None  # asked for until it shows
+        self._expected: int | None = None  # the last mode of our choice: it may show up late
         self._mode: int | None = None
         self._engaged = False  # has been in a mode of our choice
         self.pilot: int | None = None  # the mode that somebody else chose
@@ -30,10 +31,12 @@ class ModeKeeper:
     def want(self, mode: int | None) -> None:
         """From now on try to be in `mode`; None: leave it as it is."""
         self._want = mode
+        if mode is not None:
+            self._expected = mode
 
     def release(self) -> None:
         """Command again after the pilot took over."""
-        self.pilot, self._engaged = None, False
+        self.pilot, self._expected, self._engaged = None, None, False
 
     def observe(self, mode: int, now_ns: int, may_leave_mission: bool) -> bool:
         """Take the mode of a heartbeat; True when just now somebody else changed it.
@@ -41,10 +44,9 @@ class ModeKeeper:
         `may_leave_mission`: the mission is at its end, so that leaving its mode is the vehicle's own doing.
         """
         before, self._mode = self._mode, mode
-        asked = now_ns - self._asked_ns.get(mode, -ASKED_LIFE_NS) < ASKED_LIFE_NS
-        if mode == self._want and asked:
-            self._engaged = True
-        if not self._engaged or before is None or mode == before or asked or self.pilot is not None:
+        ours = mode == self._expected or now_ns - self._asked_ns.get(mode, -ASKED_LIFE_NS) < ASKED_LIFE_NS
+        self._engaged |= mode == self._expected
+        if not self._engaged or before is None or mode == before or ours or self.pilot is not None:
             return False
         if (before, mode) in self._profile.own_transitions and (
             before != self._profile.mission_mode or may_leave_mission
@@ -55,7 +57,7 @@ class ModeKeeper:
 
     def expect(self, mode: int, now_ns: int) -> None:
         """Another command of ours (DO_REPOSITION) brings the vehicle into `mode`."""
-        self._want = None
+        self._want, self._expected = None, mode
         self._asked_ns[mode] = now_ns
 
     def poll(self, now_ns: int) -> None:
@@ -65,7 +67,6 @@ class ModeKeeper:
             return
         if want == self._mode:
             self._commands.forget(Command.DO_SET_MODE)
-            self._asked_ns.setdefault(want, now_ns)
             self._engaged = True
         elif now_ns - self._asked_ns.get(want, -RETRY_NS) >= RETRY_NS:
             self._asked_ns[want] = now_ns

@@ -26,6 +26,9 @@ CONFIRM_NS = 5 * NS_PER_S
 TOTAL_NS = 5 * NS_PER_S
 MODE_PATIENCE_NS = 10 * NS_PER_S  # then STALE_TARGET is reported; the mode is still asked for
 STARTS = 3
+# An upload that takes longer stops the vehicle: until it is complete, ArduPilot drives a mix of the old and the new
+# mission, straight to whatever now stands at the old index.
+MIXED_NS = NS_PER_S
 COMPLETE = 5  # MISSION_STATE_COMPLETE
 UNTOLD_TOTALS = (0, 65535)
 
@@ -91,10 +94,11 @@ class Retask:
         arrive_m: float,
         near_m: float,
         progress_s: float,
+        speed_m_s: float | None,
     ) -> None:
         self.profile, self.commands, self.modes, self.transfer = profile, commands, modes, transfer
         self.step, self.status = Step.IDLE, Status.IDLE
-        self._arrive_m, self._near_m = arrive_m, near_m
+        self._arrive_m, self._near_m, self._speed_m_s = arrive_m, near_m, speed_m_s
         self._progress = Progress(round(progress_s * NS_PER_S))
         self._points: Points = ()
         self._points_before: Points = ()
@@ -158,9 +162,12 @@ class Retask:
         else:
             self._out.append(wire.MissionSetCurrent(self.transfer.vehicle, seq))
 
-    def _watch_upload(self, _seen: Telemetry, now_ns: int) -> None:
+    def _watch_upload(self, seen: Telemetry, now_ns: int) -> None:
         result = self.transfer.result
         if self.transfer.active or result is None:
+            mixed = not self.profile.atomic_upload and seen.custom_mode == self.profile.mission_mode
+            if mixed and now_ns - self._since_ns >= MIXED_NS:
+                self.modes.want(self.profile.hold_mode)
             return
         if result in (Result.ACCEPTED, Result.ALREADY_ON_BOARD):
             self._uploaded_ns = now_ns
@@ -206,6 +213,8 @@ class Retask:
         if going or there:
             self._starts, self._points_before = 0, ()
             self._progress.start(self._remaining_m(seen), now_ns)
+            if self._speed_m_s is not None:  # ground speed; entering the mode has set it back to the vehicle's own
+                self.commands.long(Command.DO_CHANGE_SPEED, 1.0, self._speed_m_s, -1.0)
             self.modes.want(None)  # PX4 leaves it at the end; re-entered, it would start at the old index
             self._fire(Event.CONFIRMED, now_ns, Status.PURSUING)
         elif now_ns - self._since_ns >= CONFIRM_NS:

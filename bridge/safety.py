@@ -10,11 +10,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import lru_cache
 from itertools import pairwise
 from typing import Any
 
 from gatar_edge.bridge.geo import Point, cell_centre_m, inside_grid, point_inside, segment_inside
-from gatar_edge.types import Goto, GridSpec, Hold, Mission, VehicleCommand
+from gatar_edge.types import Cell, Goto, GridSpec, Hold, Mission, VehicleCommand
 
 
 class Refusal(StrEnum):
@@ -96,15 +97,21 @@ def _cells_refusal(wanted: Goto | Mission, known: Known, limits: Limits) -> Refu
         return Refusal.NOT_FINITE
     if not all(inside_grid(limits.grid, cell) for cell in cells):
         return Refusal.OUTSIDE_GRID
-    centres = [cell_centre_m(limits.grid, cell) for cell in cells]
-    if not all(point_inside(limits.fence_m, centre) for centre in centres):
+    if not _path_inside(tuple((x, y) for x, y in cells), limits.grid, limits.fence_m):
         return Refusal.OUTSIDE_FENCE
     # a vehicle that strayed outside may come back; one inside may not cross the outside on its way
-    start = known.position_m
-    legs = [start, *centres] if start is not None and point_inside(limits.fence_m, start) else centres
-    if not all(segment_inside(limits.fence_m, a, b) for a, b in pairwise(legs)):
-        return Refusal.OUTSIDE_FENCE
-    return None
+    start, goal, fence_m = known.position_m, cell_centre_m(limits.grid, cells[0]), limits.fence_m
+    if start is None or not point_inside(fence_m, start) or segment_inside(fence_m, start, goal):
+        return None
+    return Refusal.OUTSIDE_FENCE
+
+
+@lru_cache(maxsize=1024)  # the same command comes at every tick
+def _path_inside(cells: tuple[Cell, ...], grid: GridSpec, fence_m: tuple[Point, ...]) -> bool:
+    centres = [cell_centre_m(grid, cell) for cell in cells]
+    return all(point_inside(fence_m, centre) for centre in centres) and all(
+        segment_inside(fence_m, a, b) for a, b in pairwise(centres)
+    )
 
 
 def _finite(cell: Any) -> bool:

@@ -20,6 +20,7 @@ class Telemetry:
     position: wire.GlobalPosition | None = None
     position_ns: int = NEVER
     home: wire.HomePosition | None = None
+    origin: wire.GlobalOrigin | None = None
     current: wire.MissionCurrent | None = None
     current_ns: int = NEVER
     echo: wire.PositionTarget | None = None
@@ -36,6 +37,8 @@ class Telemetry:
                 self.position, self.position_ns = message, now_ns
             case wire.HomePosition() if message.lat_e7 or message.lon_e7:
                 self.home = message
+            case wire.GlobalOrigin() if message.lat_e7 or message.lon_e7:
+                self.origin = message
             case wire.MissionCurrent():
                 self.current, self.current_ns = message, now_ns
             case wire.PositionTarget():
@@ -93,13 +96,12 @@ class Progress:
 
     def __init__(self, timeout_ns: int) -> None:
         self.timeout_ns = timeout_ns
-        self.started_m = self._best_m = math.inf
+        self._best_m = math.inf
         self._best_ns = 0
 
     def start(self, remaining_m: float, now_ns: int) -> None:
         """Begin anew."""
-        self.started_m = self._best_m = remaining_m
-        self._best_ns = now_ns
+        self._best_m, self._best_ns = remaining_m, now_ns
 
     def stalled(self, remaining_m: float, now_ns: int) -> bool:
         """Take the present distance; True once it has not shrunk for too long."""

@@ -50,6 +50,7 @@ class Vehicle:
             arrive_m=arrive_m,
             near_m=config.grid.cell_m,
             progress_s=config.progress_s,
+            speed_m_s=config.speed_m_s,
         )
         if config.speed_m_s is not None:
             self.guided.speed(config.speed_m_s)
@@ -98,20 +99,20 @@ class Vehicle:
         else:
             self.transfer.receive(frame.source, message, now_ns)
 
-    def pursue(self, command: Goto | Mission | Hold, now_ns: int) -> None:
-        """Make the vehicle do this from now on. Nothing is sent to one that does not obey us."""
+    def pursue(self, command: Goto | Mission | Hold, now_ns: int) -> bool:
+        """Make the vehicle do this from now on. False: nothing was sent, to one that does not obey us."""
         if not self.ready(now_ns):
-            return
+            return False
         self._holding = isinstance(command, Hold)
         if isinstance(command, Hold):
-            self._hold(now_ns)
-            return
+            return self._hold(now_ns)
         cells = (command.cell,) if isinstance(command, Goto) else command.cells
         points = tuple(cell_to_wgs84(self.config.grid, cell) for cell in cells)
         if self._by_mission:
             self.retask.drive(points, now_ns)
         else:
             self.guided.go(points, self._altitude_m(), self._home_amsl_m(), now_ns)
+        return True
 
     def enable(self, now_ns: int) -> None:
         """Command again after the pilot had control."""
@@ -141,15 +142,17 @@ class Vehicle:
         self._latest[frame.message_id] = (frame.seq, now_ns)
         return False
 
-    def _hold(self, now_ns: int) -> None:
+    def _hold(self, now_ns: int) -> bool:
         self.retask.stop()
         here = self.seen.lat_lon_deg
         if self.profile.hold_by is HoldBy.MODE:
             self.guided.stop()
             self.modes.want(self.profile.hold_mode)
-        elif here is not None and now_ns - self.seen.position_ns <= self.config.position_max_age_s * NS_PER_S:
+            return True
+        if here is not None and now_ns - self.seen.position_ns <= self.config.position_max_age_s * NS_PER_S:
             self.guided.go((here,), self._altitude_m(), self._home_amsl_m(), now_ns, hold=True)
-        # with an old position a copter is left to reach its last target, where it holds by itself
+            return True
+        return False  # with an old position a copter goes on to its last target, where it holds by itself
 
     def _altitude_m(self) -> float:
         return self.config.altitude_m if self.config.kind is RobotKind.UAV else 0.0

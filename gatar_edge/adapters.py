@@ -24,8 +24,8 @@ def cells_from_costmap(
     """Cells in view and blocked cells, both int16 [n, 2], of an occupancy grid laid out as nav_msgs/OccupancyGrid.
 
     `costmap` is [rows, columns] with row 0 in the south and percent or -1 (unknown); `corner_m` is its south-west
-    corner in metres along the grid's axes from the grid's origin. A cell is in view where at least half of it is known, and
-    blocked where any known part of it is occupied.
+    corner in metres along the grid's axes from the grid's origin. A cell is in view where at least half of it is
+    known, and blocked where any known part of it is occupied.
     """
     rows, columns = costmap.shape
     x = np.floor((corner_m[0] + (np.arange(columns) + 0.5) * resolution_m) / grid.cell_m).astype(np.int64)

@@ -36,7 +36,13 @@ from gatar_edge.types import (
 POLL_NS = NS_PER_S // 20  # timers of the autopilot's protocols
 STALL_NS = NS_PER_S  # after standing still for this long, what waits in the sockets is older than it looks
 STOP_NS = 3 * NS_PER_S  # for the vehicle to confirm that it holds
-MAX_USELESS_LOGGED = 64  # a tick: heard datagrams without effect, so that a flood does not fill the disk
+MAX_USELESS_LOGGED = 16  # a tick: heard datagrams without effect, so that a flood does not fill the disk
+COUNTERS_NS = 10 * NS_PER_S  # how often all counters go to the log
+_STRANGE = {
+    HearOutcome.FORGED: "message with a wrong signature: another team, another key, or an attack",
+    HearOutcome.FOREIGN_CONFIG: "neighbour with another [grid] or [team] configuration: not heard",
+    HearOutcome.VERSION: "neighbour with another version of the message: not heard",
+}
 _EFFECTIVE = (HearOutcome.ACCEPTED, HearOutcome.NEARER, HearOutcome.TALK)
 
 
@@ -92,6 +98,7 @@ class Ports:
     log: Log | None = None
     saver: Saver | None = None
     published: Callable[[Snapshot], None] = lambda snapshot: None
+    radio_problem: Callable[[], str] = lambda: ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +127,7 @@ class Daemon:
         self._settings = settings
         self._robot_id = agent.identity.robot_id
         self._started_ns = self._stepped_ns = self._tick_due_ns = self._save_due_ns = ports.clock_ns()
+        self._count_due_ns = self._started_ns + COUNTERS_NS
         self._reason = Reason.NOTHING_LEFT
         self._useless_logged = 0
         self._shunned = Shunned()
@@ -175,6 +183,8 @@ class Daemon:
             heard = self.agent.hear(data, now_ns)
             if heard.relay is not None:
                 relays.append(heard.relay)
+            if heard.outcome in _STRANGE:
+                self.journal.warning(_STRANGE[heard.outcome], now_ns)
             if self._ports.log is not None and self._worth_logging(heard.outcome):
                 self._ports.log.heard(self._robot_id, data, heard.outcome.value, now_ns)
         if relays:
@@ -215,7 +225,11 @@ class Daemon:
         if self._ports.saver is not None and now_ns >= self._save_due_ns:
             self._save_due_ns = now_ns + self._settings.save_ns
             self._ports.saver.save_soon(self.state())
-        self._ports.published(self._snapshot(decision, state, now_ns))
+        snapshot = self._snapshot(decision, state, now_ns)
+        self._ports.published(snapshot)
+        if now_ns >= self._count_due_ns:
+            self._count_due_ns = now_ns + COUNTERS_NS
+            self.journal.note(f"counters {' '.join(f'{k}={v}' for k, v in snapshot.counters.items() if v)}", now_ns)
 
     def _give_up(self, now_ns: int) -> None:
         """A goal that the vehicle refuses or does not get nearer to is left to the others for a while."""
@@ -282,6 +296,7 @@ class Daemon:
             perception_rate_hz=self.perception.rate_hz(now_ns),
             decision_ms=decision.latency_ns / 1e6,
             fallbacks_in_a_row=self.counters.fallbacks_in_a_row,
+            radio_problem=self._ports.radio_problem(),
             log_problem=log.stopped if log is not None else "",
             state_problem=f"state is not saved: {saver.last_error}" if saver is not None and saver.last_error else "",
             counters=self._all_counters(),

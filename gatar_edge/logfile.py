@@ -37,17 +37,14 @@ class RecordStream:
         """Hand everything to the operating system. Raises OSError with the file cut back to its last whole record."""
         if self._closed or not self._pending:
             return
-        view = memoryview(self._pending)
-        done = 0
+        data, done = bytes(self._pending), 0
+        self._pending.clear()
         try:
-            while done < len(view):
-                done += os.write(self._descriptor, view[done:])
+            while done < len(data):
+                done += os.write(self._descriptor, data[done:] if done else data)
         except OSError:
             self._cut_back()
             raise
-        finally:
-            view.release()
-            self._pending.clear()
         self._written += done
 
     def sync(self) -> None:

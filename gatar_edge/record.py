@@ -26,7 +26,7 @@ from gatar_edge.errors import LogError
 from gatar_edge.logfile import RecordStream
 from gatar_edge.mavlink_frame import without_secrets
 from gatar_edge.persist import SavedState
-from gatar_edge.record_items import RadioBuffer, agent_state, command_record, flat_cells
+from gatar_edge.record_items import RadioBuffers, agent_state, command_record, flat_cells
 from gatar_edge.types import (
     NS_PER_S,
     BoolGrid,
@@ -54,12 +54,6 @@ _log = logging.getLogger(__name__)
 _encoder = msgspec.json.Encoder(order="deterministic")
 
 
-class _RadioBuffers(dict[int, RadioBuffer]):
-    def __missing__(self, robot_id: int) -> RadioBuffer:
-        self[robot_id] = RadioBuffer(robot_id)
-        return self[robot_id]
-
-
 class Recorder:
     """Writes one log. `run_info` comes from `runinfo.describe_run`; all times are of one injected clock."""
 
@@ -74,7 +68,7 @@ class Recorder:
         self._kinds = {robot["robot_id"]: RobotKind(robot["kind"]) for robot in run_info.get("robots", ())}
         self._topics: dict[tuple[str, int], int] = {}
         self._schemas: dict[str, int] = {}
-        self._radio = _RadioBuffers()
+        self._radio = RadioBuffers()
         self._beliefs: dict[int, ByteGrid] = {}
         self._truth: ByteGrid | None = None
         self._now_ns = self._polled_ns = now_ns

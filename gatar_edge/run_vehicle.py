@@ -16,7 +16,7 @@ from gatar_edge.agent import Agent
 from gatar_edge.bridge.driver import VehicleDriver
 from gatar_edge.bridge.link import Link, open_link
 from gatar_edge.daemon import POLL_NS, STOP_NS, Daemon, Ports, Settings
-from gatar_edge.deadline import Punctual, ThreadRunner
+from gatar_edge.deadline import ThreadRunner, punctual
 from gatar_edge.health import Snapshot
 from gatar_edge.journal import Journal
 from gatar_edge.perception import Perception
@@ -24,6 +24,7 @@ from gatar_edge.perception_link import PerceptionSocket
 from gatar_edge.persist import StateSaver, restore
 from gatar_edge.preflight import Prepared
 from gatar_edge.record import Recorder
+from gatar_edge.rotate import RotatingLog
 from gatar_edge.runinfo import describe_run
 from gatar_edge.transports.base import Transport
 from gatar_edge.transports.budget import ByteBudget
@@ -34,6 +35,9 @@ from gatar_edge.vehicle_port import AutopilotPort
 from gatar_edge.watch import HttpWatch, Notifier
 
 Clock = Callable[[], int]
+# After the first datagram wait this long for more: twelve neighbours that relay each other come in bursts, and waking
+# for each of them costs twice the processor time.
+GATHER_NS = 5_000_000
 
 
 class Waiter:
@@ -58,7 +62,8 @@ class Waiter:
         for number in wanted:  # again also where known: the number may now be another socket's
             self._poll.register(number, select.POLLIN)
         self._registered = wanted
-        self._poll.poll(max(0, duration_ns) / 1e6)
+        if self._poll.poll(max(0, duration_ns) / 1e6) and duration_ns > GATHER_NS:
+            time.sleep(GATHER_NS / NS_PER_S)
         with contextlib.suppress(BlockingIOError):
             self._woken.recv(64)
 
@@ -148,11 +153,12 @@ def opened(prepared: Prepared, clock_ns: Clock, *, dry_run: bool) -> Iterator[Pr
         journal = Journal(config.robot.id, log)
         link = stack.enter_context(open_link(config.vehicle.url))
         radio, tap = _open_radio(config, prepared.driver.sysid, link)
+        stack.callback(radio.close)
         perception = PerceptionSocket(config.perception.listen, allow_remote=config.perception.allow_remote)
+        stack.callback(perception.close)
         vehicle = _vehicle(prepared, link, journal, log, clock_ns(), dry_run=dry_run, tap=tap)
         waiter = Waiter([radio.fileno, perception.fileno, link.fileno])
-        for closing in (radio, perception, waiter):
-            stack.callback(closing.close)
+        stack.callback(waiter.close)
         notifier = Notifier()
         watchers = [notifier.published]
         if config.watch.http:
@@ -164,9 +170,11 @@ def opened(prepared: Prepared, clock_ns: Clock, *, dry_run: bool) -> Iterator[Pr
             _make_agent(prepared, journal, log, clock_ns()),
             Perception(config.robot.id, config.kind, config.grid_spec),
             ByteBudget(config.net.bytes_per_s, sends=radio.sends),
-            Ports(radio, perception, vehicle, clock_ns, log, saver, _to_all(watchers)),
+            Ports(radio, perception, vehicle, clock_ns, log, saver, _to_all(watchers), lambda: _problem(radio)),
             _settings(config, dry_run=dry_run),
         )
+        if log is not None:
+            log.carry = daemon.state
         if saver is not None:
             stack.callback(saver.close)
             stack.callback(lambda: saver.save_soon(daemon.state()))  # runs before close
@@ -189,11 +197,16 @@ def _open_radio(config: VehicleConfig, sysid: int, link: Link) -> tuple[Transpor
     return UdpTransport(net.listen, net.peers, net.group or None), None
 
 
+def _problem(radio: Transport) -> str:
+    """What is wrong with a transport that can tell."""
+    return str(getattr(radio, "problem", ""))
+
+
 def _vehicle(
     prepared: Prepared,
     link: Link,
     journal: Journal,
-    log: Recorder | None,
+    log: RotatingLog | None,
     now_ns: int,
     *,
     dry_run: bool,
@@ -215,8 +228,8 @@ def _settings(config: VehicleConfig, *, dry_run: bool) -> Settings:
     )
 
 
-def _make_agent(prepared: Prepared, journal: Journal, log: Recorder | None, now_ns: int) -> Agent:
-    allocator = Punctual(prepared.allocator, prepared.config.loop.deadline_ms / 1000, ThreadRunner())
+def _make_agent(prepared: Prepared, journal: Journal, log: RotatingLog | None, now_ns: int) -> Agent:
+    allocator = punctual(prepared.allocator, prepared.config.loop.deadline_ms / 1000, ThreadRunner())
     agent = Agent(prepared.identity, prepared.config.agent, allocator, prepared.key, prepared.seq)
     restored = prepared.restored
     journal.info("saved state", now_ns, outcome=restored.outcome.value, next_seq=prepared.seq)
@@ -227,21 +240,31 @@ def _make_agent(prepared: Prepared, journal: Journal, log: Recorder | None, now_
     return agent
 
 
-def _open_log(prepared: Prepared, now_ns: int) -> Recorder | None:
+def _open_log(prepared: Prepared, now_ns: int) -> RotatingLog | None:
     config = prepared.config
     if not config.log.folder:
         return None
-    stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime(now_ns / NS_PER_S))
-    path = Path(config.log.folder) / f"{config.kind.name.lower()}{config.robot.id}-{stamp}Z.mcap"
     info = describe_run(
         config.agent,
         [prepared.identity],
-        config.model.allocator,
-        model=config.model.file,
+        prepared.flown,
         first_seqs={config.robot.id: prepared.seq},
         extra={"simulated": False, "restored": prepared.restored.outcome.value},
     )
-    return Recorder(path, info, now_ns)
+
+    def open_file(now_ns: int) -> Recorder:
+        return Recorder(_log_path(config, now_ns), info, now_ns)
+
+    return RotatingLog(open_file, int(config.log.rotate_min * 60 * NS_PER_S), now_ns)
+
+
+def _log_path(config: VehicleConfig, now_ns: int) -> Path:
+    """A name that sorts by robot and time, and of no file that exists: a restart within a second is another run."""
+    stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime(now_ns / NS_PER_S))
+    name = f"{config.kind.name.lower()}{config.robot.id}-{stamp}"
+    folder = Path(config.log.folder)
+    taken = sum(1 for _ in folder.glob(f"{name}*.mcap"))
+    return folder / (f"{name}Z-{taken}.mcap" if taken else f"{name}Z.mcap")
 
 
 def _to_all(watchers: Sequence[Callable[[Snapshot], None]]) -> Callable[[Snapshot], None]:

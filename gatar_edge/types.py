@@ -61,6 +61,7 @@ class Reason(StrEnum):
 
     ALLOCATED = "allocated"  # the allocator's choice, new at this tick
     KEPT = "kept"  # the task of the tick before still holds
+    ABANDONED = "abandoned"  # nothing else to do, and nobody else is on the way to this target
     FRONTIER = "frontier"  # no target for this robot: go and see
     NOTHING_LEFT = "nothing_left"  # no target and nothing reachable left to see
     NO_PERCEPTION = "no_perception"  # own observation missing or too old

@@ -55,6 +55,7 @@ class Notifier:
         if not self._address:
             return
         with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+            sender.setblocking(False)  # a manager that does not read must not hold up the robot
             sender.sendto("\n".join(lines).encode(), self._address)
 
 

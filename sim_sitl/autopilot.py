@@ -46,7 +46,7 @@ class SimAutopilot:
     def __init__(self, config: AutopilotConfig, now_ns: int, blocked: Blocked | None = None) -> None:
         self.config = config
         self._blocked = blocked
-        self._wire = Wire(config.sysid)
+        self._wire = Wire(config.sysid, config.accepts_unsigned)
         self._boot(now_ns)
 
     @property
@@ -72,6 +72,7 @@ class SimAutopilot:
     def receive(self, data: bytes, now_ns: int) -> None:
         """Take bytes of any client; the answers wait in take()."""
         self._core.now_ns = max(self._core.now_ns, now_ns)
+        self._wire.pass_time(now_ns)
         for message in self._wire.parse(data):
             self._handle(message)
             self._announce_mode()
@@ -100,6 +101,7 @@ class SimAutopilot:
     def take(self) -> bytes:
         """All that was sent since the last call, as MAVLink 2 frames."""
         sends, self._core.outbox = self._core.outbox, []
+        self._wire.pass_time(self._core.now_ns)
         return b"".join(map(self._wire.pack, sends))
 
     def reboot(self, now_ns: int) -> None:
@@ -107,6 +109,7 @@ class SimAutopilot:
         old = self._core
         old.disarm()  # a copter in the air falls
         self._boot(now_ns)
+        self._wire.restart(now_ns)
         core = self._core
         core.params, core.server.items, core.body = old.params, old.server.items, old.body
         for index in range(len(core.params)):
@@ -218,6 +221,14 @@ class SimAutopilot:
             self._stack.parameter_changed(self._core, message.param_id)
             self._say_parameter(message.param_id)
 
+    def _set_up_signing(self, message: Message) -> None:
+        if self.config.stack != "ardupilot":
+            return
+        if self._core.is_armed:
+            self._core.text(4, "ERROR: Won't setup signing when armed")
+        else:
+            self._wire.sign(bytes(message.secret_key), message.initial_timestamp, self._core.now_ns)
+
     def _time_sync(self, message: Message) -> None:
         if message.tc1 == 0:
             self._core.emit("TIMESYNC", tc1=self._core.now_ns, ts1=message.ts1)
@@ -282,5 +293,6 @@ _HANDLERS: dict[str, Callable[[SimAutopilot, Message], None]] = {
     "PARAM_SET": _A._parameter_set,
     "PING": _A._ping,
     "REQUEST_DATA_STREAM": _A._data_stream,
+    "SETUP_SIGNING": _A._set_up_signing,
     "TIMESYNC": _A._time_sync,
 }

@@ -27,6 +27,7 @@ class AutopilotConfig:
     turn_deg_s: float = 120.0
     battery_percent: float = 100.0
     endurance_s: float = 3600.0
+    accepts_unsigned: bool = True  # as the first serial link does, also once signing is set up
 
     def __post_init__(self) -> None:
         """Refuse what no vehicle can be."""

@@ -16,6 +16,9 @@ Message = Any  # a decoded MAVLink message: pymavlink has no types
 
 _FRAME_MAX_BYTES = 280
 _PER_CALL_MAX_BYTES = 1 << 16
+_RADIO_STATUS = 109  # is never signed
+_TICK_NS = 10_000  # of a signature's timestamp
+_AHEAD_TICKS = 6_000_000  # one minute
 
 
 class Send(NamedTuple):
@@ -32,17 +35,46 @@ def _message_class(name: str) -> Any:
 class Wire:
     """Bytes to messages and back for one vehicle. Never raises for what it is fed."""
 
-    def __init__(self, sysid: int, compid: int = 1) -> None:
+    def __init__(self, sysid: int, accepts_unsigned: bool = True, compid: int = 1) -> None:
         self._codec = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=compid)
         self._codec.robust_parsing = True
         self._classes: dict[str, Any] = {}
+        self._accepts_unsigned = accepts_unsigned
+        self._clock_start = self._clock_ns = 0
         self.rejected = 0  # frames that were no messages
+
+    def sign(self, key: bytes, timestamp: int, now_ns: int) -> None:
+        """SETUP_SIGNING: sign from now on, with a clock that runs a minute ahead as ArduPilot's does; no key: stop."""
+        signing = self._codec.signing
+        signing.secret_key = key if any(key) else None
+        signing.sign_outgoing = signing.secret_key is not None
+        signing.allow_unsigned_callback = self._allows if signing.secret_key is not None else None
+        signing.timestamp = self._clock_start = timestamp + _AHEAD_TICKS
+        self._clock_ns = now_ns
+
+    def restart(self, now_ns: int) -> None:
+        """Power off and on: the key and the last timestamp survive, the streams do not."""
+        signing = self._codec.signing
+        if signing.secret_key is not None:
+            signing.stream_timestamps.clear()
+            signing.timestamp = self._clock_start = signing.timestamp + _AHEAD_TICKS
+            self._clock_ns = now_ns
+
+    def pass_time(self, now_ns: int) -> None:
+        """Let the clock of the signatures run; it never goes back behind a timestamp that was received."""
+        signing = self._codec.signing
+        if signing.secret_key is not None:
+            signing.timestamp = max(signing.timestamp, self._clock_start + (now_ns - self._clock_ns) // _TICK_NS)
+
+    def _allows(self, codec: Any, message_id: int) -> bool:
+        return self._accepts_unsigned or message_id == _RADIO_STATUS
 
     def parse(self, data: bytes) -> list[Message]:
         """All whole messages in `data` and what was left from before; broken ones are counted and dropped."""
         messages: list[Message] = []
         chunk: bytes = data[:_PER_CALL_MAX_BYTES]
         for _ in range(len(chunk) + _FRAME_MAX_BYTES):  # each turn takes at least one byte out of the buffer
+            streams = dict(self._codec.signing.stream_timestamps)
             try:
                 message = self._codec.parse_char(chunk)
             except (mavlink.MAVError, struct.error, ValueError, TypeError, LookupError):
@@ -54,6 +86,7 @@ class Wire:
                 break
             if message.get_msgId() < 0:  # pymavlink's BAD_DATA and UNKNOWN
                 self.rejected += 1
+                self._codec.signing.stream_timestamps = streams  # it takes over timestamps before it checks signatures
             else:
                 messages.append(message)
         return messages

@@ -16,3 +16,8 @@ def shared_folder() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no reference data at {folder}: set GATAR_SHARED")
     return folder
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """`--update-refs`: record the golden logs anew, where a change of decisions is intended."""
+    parser.addoption("--update-refs", action="store_true", help="record the golden logs in tests/replay anew")

@@ -34,12 +34,16 @@ PROFILE = Profile(
     ),
     first_item_seq=1,
     yaw_param=0.0,  # NaN is refused with INVALID_PARAM1
+    atomic_upload=False,  # COUNT truncates at once
     item_frame=Frame.GLOBAL_RELATIVE_ALT_INT,
     item_read_back_frames=frozenset({Frame.GLOBAL_RELATIVE_ALT_INT, Frame.GLOBAL_RELATIVE_ALT}),
     set_current=SetCurrent.COMMAND_WITH_RESET,
+    mission_capacity=650,
+    bytewise_parameters=False,
     guided_mode=_GUIDED,
     mission_mode=_AUTO,
     hold_mode=_GUIDED,
+    return_mode=_RTL,
     arm_modes=frozenset({_GUIDED}),  # not armable in AUTO; in STABILIZE it could not take off
     own_transitions=frozenset(),
     hold_by=HoldBy.REPOSITION,
@@ -47,5 +51,4 @@ PROFILE = Profile(
     reposition_frame=Frame.GLOBAL_RELATIVE_ALT_INT,
     reposition_amsl=False,
     position_type_mask=0x0DF8,
-    echo_has_altitude=True,
 )

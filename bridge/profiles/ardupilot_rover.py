@@ -33,12 +33,16 @@ PROFILE = Profile(
     ),
     first_item_seq=1,
     yaw_param=0.0,  # NaN is refused with INVALID_PARAM1
+    atomic_upload=False,  # COUNT truncates at once
     item_frame=Frame.GLOBAL_RELATIVE_ALT_INT,
     item_read_back_frames=frozenset({Frame.GLOBAL_RELATIVE_ALT_INT, Frame.GLOBAL_RELATIVE_ALT}),
     set_current=SetCurrent.COMMAND_WITH_RESET,  # without the reset it acknowledges after completion and never moves
+    mission_capacity=655,
+    bytewise_parameters=False,
     guided_mode=_GUIDED,
     mission_mode=_AUTO,
     hold_mode=_HOLD,
+    return_mode=_RTL,
     arm_modes=frozenset({_MANUAL, _HOLD, _GUIDED}),
     own_transitions=frozenset({(_INITIALISING, _MANUAL), (_INITIALISING, _HOLD)}),
     hold_by=HoldBy.MODE,
@@ -46,5 +50,4 @@ PROFILE = Profile(
     reposition_frame=Frame.GLOBAL_RELATIVE_ALT_INT,
     reposition_amsl=False,
     position_type_mask=0x0DFC,
-    echo_has_altitude=False,
 )

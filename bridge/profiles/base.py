@@ -47,13 +47,17 @@ class Profile:
     # mission
     first_item_seq: int  # 1 where slot 0 is home, a placeholder
     yaw_param: float  # param4 of waypoints and repositions: NaN ("leave it") only where it is not refused
+    atomic_upload: bool  # the old mission is driven until the new one is complete; else a mix of both
     item_frame: int
     item_read_back_frames: frozenset[int]  # `item_frame` may be downloaded as any of these
     set_current: SetCurrent
+    mission_capacity: int  # waypoints it takes, slot 0 not counted
+    bytewise_parameters: bool  # PARAM_VALUE holds the bits of an integer; else the integer as a float
     # modes, as custom_mode
     guided_mode: int
     mission_mode: int
     hold_mode: int
+    return_mode: int  # back to where it was launched
     arm_modes: frozenset[int]  # armable as it stands; elsewhere `guided_mode` is set first
     own_transitions: frozenset[tuple[int, int]]  # (from, to): mode changes that the vehicle makes by itself
     hold_by: HoldBy
@@ -62,7 +66,6 @@ class Profile:
     reposition_frame: int
     reposition_amsl: bool  # z is above mean sea level, home's altitude is added
     position_type_mask: int  # SET_POSITION_TARGET_*: bits that say IGNORE
-    echo_has_altitude: bool  # POSITION_TARGET_GLOBAL_INT tells the target's altitude
 
     def mode_name(self, custom_mode: int) -> str:
         """The mode's name, or its number where it has none here."""

@@ -6,7 +6,7 @@ import math
 from types import MappingProxyType
 
 from gatar_edge.bridge.profiles.base import HoldBy, Profile, SetCurrent, Takeoff
-from gatar_edge.bridge.profiles.px4_modes import LOITER, MISSION, MODES, TAKEOFF
+from gatar_edge.bridge.profiles.px4_modes import LOITER, MISSION, MODES, RTL, TAKEOFF
 from gatar_edge.bridge.wire import AUTOPILOT_PX4, Frame
 from gatar_edge.types import RobotKind
 
@@ -18,12 +18,16 @@ PROFILE = Profile(
     modes=MappingProxyType(MODES),
     first_item_seq=0,
     yaw_param=math.nan,
+    atomic_upload=True,
     item_frame=Frame.GLOBAL_RELATIVE_ALT_INT,
     item_read_back_frames=frozenset({Frame.GLOBAL_RELATIVE_ALT_INT, Frame.GLOBAL_RELATIVE_ALT}),
     set_current=SetCurrent.MESSAGE_AFTER_TOTAL,
+    mission_capacity=10000,
+    bytewise_parameters=True,
     guided_mode=LOITER,  # DO_REPOSITION needs neither OFFBOARD nor a stream of setpoints
     mission_mode=MISSION,
     hold_mode=LOITER,
+    return_mode=RTL,
     arm_modes=frozenset({LOITER, TAKEOFF}),
     own_transitions=frozenset({(TAKEOFF, LOITER), (LOITER, TAKEOFF), (MISSION, LOITER)}),
     hold_by=HoldBy.REPOSITION,
@@ -31,5 +35,4 @@ PROFILE = Profile(
     reposition_frame=Frame.GLOBAL,  # the frame is ignored: frame 6 with z = 10 flew it into the ground
     reposition_amsl=True,
     position_type_mask=0x0DF8,
-    echo_has_altitude=True,
 )

@@ -39,7 +39,7 @@ def make(name: str, planner: Planner | None = None) -> Make:
         return simple[rule]
     network, _, path = rule.partition(":")
     if network == "gatar":
-        return _gatar(Path(path) if path else None)
+        return _gatar(path)
     raise ConfigError(f"allocator {name!r} is unknown: one of {', '.join(NAMES + BOUNDS)}, or gatar:MODEL.onnx")
 
 
@@ -48,8 +48,10 @@ def hears_all(name: str) -> bool:
     return name in BOUNDS
 
 
-def _gatar(model: Path | None) -> Make:
+def _gatar(path: str) -> Make:
     from gatar_edge.allocators.gatar import Gatar  # onnxruntime: 50 ms that no other rule needs
+    from gatar_edge.policy import DEFAULT_MODEL
 
-    network = Gatar(model)  # remembers nothing from decision to decision: one serves all robots
+    # it remembers nothing from decision to decision: one serves all robots
+    network = Gatar(Path(path) if path else DEFAULT_MODEL)
     return lambda: network

@@ -56,7 +56,7 @@ altitude_m = {altitude}        # above home; give each UAV its own layer
 # altitude_band_m = [2.0, 120.0]
 # fence = [[47.0, 8.0], [47.0, 8.1], [47.1, 8.1]]  # corners; without it the grid's rectangle
 # drive = "mission"        # how a UGV is driven: "mission" or "guided"
-launch = {launch}          # "armed": take over when a person has armed it; "auto": arm and take off by itself
+launch = {launch}          # "armed": take over, and take off, once a person has armed it; "auto": arm it, too
 # on_stop = "hold"         # SIGTERM stops the vehicle; "leave" leaves it to its last order
 
 [perception]
@@ -67,7 +67,8 @@ listen = {perception}  # or "unix:/run/gatar/perception.sock"; format: docs/obse
 # deadline_ms = 100.0      # for the model; then greedy decides
 
 [log]
-folder = "logs"            # one file a run; "" for none
+folder = "logs"            # one file a run and hour; "" for none
+# rotate_min = 60.0
 
 [state]
 file = "state-{id}.bin"       # belief, task and message sequence: a restarted daemon goes on where it was

@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from gatar_edge import channels as ch
 from gatar_edge import foxglove
-from gatar_edge.review.reader import Entry, LogReader, decoder, json_object
+from gatar_edge.review.reader import Entry, LogReader, Tally, decoder, json_object
 from gatar_edge.types import NS_PER_S, Cell, CellState
 
 GAP_PERIODS = 5  # a robot silent for this many of its own periods has a gap
@@ -126,6 +127,8 @@ class Figures:
     reasons: Counter[str] = field(default_factory=Counter)
     targets: int | None = None
     visits: list[ch.VisitRecord] = field(default_factory=list)
+    known: set[Cell] = field(default_factory=set)  # targets by the robots' beliefs, where the log has no truth
+    known_localized: dict[Cell, tuple[int, int]] = field(default_factory=dict)  # of those: since when, by whose belief
     faults: Counter[str] = field(default_factory=Counter)
     warnings: list[str] = field(default_factory=list)
     clock_steps_back: int = 0
@@ -142,22 +145,18 @@ MAX_WARNINGS = 50
 
 def read_figures(log: LogReader) -> Figures:
     """Count through a whole log. Raises LogError where it cannot be read."""
-    figures = Figures()
-    for entry in log.messages():
-        _count(figures, entry)
-        handler = _HANDLERS.get(entry.channel.topic)
-        if handler is not None:
-            handler(figures, entry)
+    figures, tally = Figures(), Tally()
+    for entry in log.messages(lambda channel, _: channel.topic in _HANDLERS, tally):
+        if figures.first_ns < 0:
+            figures.first_ns = tally.first_ns
+        _HANDLERS[entry.channel.topic](figures, entry)
+    figures.first_ns, figures.last_ns, figures.not_in_order = tally.first_ns, tally.last_ns, tally.not_in_order
+    for number, count in tally.counts.items():
+        topic = log.topic_of(number)
+        if topic:
+            figures.messages[topic] += count
+            figures.bytes[topic] += tally.payload(number)
     return figures
-
-
-def _count(figures: Figures, entry: Entry) -> None:
-    figures.messages[entry.channel.topic] += 1
-    figures.bytes[entry.channel.topic] += len(entry.data)
-    figures.not_in_order += entry.log_ns < figures.last_ns
-    figures.last_ns = max(figures.last_ns, entry.log_ns)
-    if figures.first_ns < 0:
-        figures.first_ns = entry.log_ns
 
 
 def _on_run_info(figures: Figures, entry: Entry) -> None:
@@ -217,6 +216,17 @@ def _on_truth(figures: Figures, entry: Entry) -> None:
         figures.targets = int((foxglove.read_grid(entry.data).cells == CellState.TARGET).sum())
 
 
+def _on_belief(figures: Figures, entry: Entry) -> None:
+    """Without a simulator's truth, what the robots believe is all that a log can say of targets."""
+    if figures.targets is not None:
+        return
+    states = foxglove.read_grid(entry.data).cells
+    for x, y in np.argwhere(states >= CellState.TARGET).tolist():
+        figures.known.add((x, y))
+        if states[x, y] == CellState.LOCALIZED:
+            figures.known_localized.setdefault((x, y), (entry.log_ns, entry.robot_id))
+
+
 def _on_fault(figures: Figures, entry: Entry) -> None:
     figures.faults[_fault(entry.data).kind] += 1
 
@@ -238,6 +248,7 @@ _HANDLERS = {
     ch.RADIO.topic: _on_radio,
     ch.TRUTH_VISITS.topic: _on_visit,
     ch.TRUTH_MAP.topic: _on_truth,
+    ch.BELIEF.topic: _on_belief,
     ch.FAULTS.topic: _on_fault,
     ch.HEALTH.topic: _on_health,
     ch.LOG.topic: _on_log,

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import re
 import struct
+from collections import defaultdict
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -37,12 +39,43 @@ class Entry(NamedTuple):
     data: bytes
 
 
+@dataclass(slots=True)
+class Tally:
+    """Counts of all messages that were passed, by the number of their channel."""
+
+    counts: defaultdict[int, int] = field(default_factory=lambda: defaultdict(int))
+    record_bytes: defaultdict[int, int] = field(default_factory=lambda: defaultdict(int))
+    first_ns: int = -1
+    last_ns: int = 0
+    not_in_order: int = 0
+
+    def add(self, number: int, length: int, log_ns: int) -> None:
+        """One message's record."""
+        self.counts[number] += 1
+        self.record_bytes[number] += length
+        if log_ns >= self.last_ns:
+            self.last_ns = log_ns
+            if self.first_ns < 0:
+                self.first_ns = log_ns
+        else:
+            self.not_in_order += 1
+
+    def payload(self, number: int) -> int:
+        """Bytes of a channel's messages without their heads."""
+        return self.record_bytes[number] - self.counts[number] * _MESSAGE_HEAD_BYTES
+
+
+Accepted = dict[int, tuple[ch.Channel, int]]
+_HOLDERS = frozenset((Opcode.CHUNK, Opcode.MESSAGE, Opcode.CHANNEL, Opcode.SCHEMA))
+
+
 class LogReader:
     """One log file of ours; each method reads it anew. Raises LogError for a file that cannot be used."""
 
     def __init__(self, path: Path, *, salvage: bool = False) -> None:
         self._container = Container(path, salvage)
         self._known: dict[int, tuple[ch.Channel, int] | None] = {}
+        self._learned = True
         self.path = path
         self.header = self._check_header()
 
@@ -51,15 +84,19 @@ class LogReader:
         """What was wrong with the file in the last pass over it."""
         return self._container.damage
 
-    def messages(self, wanted: Wanted | None = None) -> Iterator[Entry]:
-        """All messages of our topics, or those of the channels that `wanted` accepts."""
+    def messages(self, wanted: Wanted | None = None, tally: Tally | None = None) -> Iterator[Entry]:
+        """All messages of our topics, or those of the channels that `wanted` accepts; `tally` counts all of them."""
+        accepted: Accepted = {}
+        self._learned = True
         for at, opcode, content in self._container.records():
+            if opcode not in _HOLDERS:
+                continue
             try:
-                data = self._messages_of(opcode, content)
+                data = unpack_chunk(content) if opcode == Opcode.CHUNK else RECORD.pack(opcode, len(content)) + content
             except LogError as error:
                 self._container.corrupt(at, str(error))
                 continue
-            yield from self._unpacked(at, data, wanted)
+            yield from self._unpacked(at, data, accepted, wanted, tally)
 
     def run_info(self) -> dict[str, Any]:
         """The first run info of the log. Raises LogError where there is none."""
@@ -87,41 +124,41 @@ class LogReader:
             )
         return found
 
-    @staticmethod
-    def _messages_of(opcode: int, content: bytes) -> bytes:
-        """The records that may hold messages, one after the other."""
-        if opcode == Opcode.CHUNK:
-            return unpack_chunk(content)
-        if opcode in (Opcode.MESSAGE, Opcode.CHANNEL, Opcode.SCHEMA):
-            return RECORD.pack(opcode, len(content)) + content
-        return b""
-
-    def _unpacked(self, place: int, data: bytes, wanted: Wanted | None) -> Iterator[Entry]:
+    def _unpacked(
+        self, place: int, data: bytes, accepted: Accepted, wanted: Wanted | None, tally: Tally | None
+    ) -> Iterator[Entry]:
         at, end = 0, len(data)
-        accepted = self._accepted(wanted)
         while at + RECORD.size <= end:
-            opcode, length = RECORD.unpack_from(data, at)
+            opcode, length, number, _, log_ns, publish_ns = _message_at(data, at)
             after = at + RECORD.size + length
             if after > end:
                 self._container.corrupt(place, "a message reaches beyond its chunk")
                 return
             if opcode == Opcode.MESSAGE and length >= _MESSAGE_HEAD_BYTES:
-                _, _, channel_id, _, log_ns, publish_ns = _MESSAGE.unpack_from(data, at)
-                known = accepted.get(channel_id)
+                if self._learned:
+                    self._accept(accepted, wanted)
+                if tally is not None:
+                    tally.add(number, length, log_ns)
+                known = accepted.get(number)
                 if known is not None:
                     yield Entry(known[0], known[1], log_ns, publish_ns, data[at + _MESSAGE.size : after])
             elif opcode == Opcode.CHANNEL:
                 channel = parse(Channel.read, data[at + RECORD.size : after])
                 self._known[channel.id] = ch.parse_topic(channel.topic)
-                accepted = self._accepted(wanted)
+                self._learned = True
             at = after
 
-    def _accepted(self, wanted: Wanted | None) -> dict[int, tuple[ch.Channel, int]]:
-        return {
-            number: known
-            for number, known in self._known.items()
-            if known is not None and (wanted is None or wanted(*known))
-        }
+    def _accept(self, accepted: Accepted, wanted: Wanted | None) -> None:
+        """Which channels are wanted, asked once for each channel and not for each message."""
+        self._learned = False
+        for number, known in self._known.items():
+            if known is not None and (wanted is None or wanted(*known)):
+                accepted[number] = known
+
+    def topic_of(self, number: int) -> str:
+        """The table's topic of a channel's number in this file, for a `Tally`."""
+        known = self._known.get(number)
+        return "" if known is None else known[0].topic
 
     def _check_header(self) -> Header:
         first = next(self._container.records(), None)
@@ -137,6 +174,13 @@ class LogReader:
                 f"log {self.path} is of format {match[1]}, this program reads up to {ch.FORMAT}: update gatar-edge"
             )
         return header
+
+
+def _message_at(data: bytes, at: int) -> tuple[int, int, int, int, int, int]:
+    """Opcode, length, and what stands where a message has its head; zeros behind the end of the data."""
+    if at + _MESSAGE.size <= len(data):
+        return _MESSAGE.unpack_from(data, at)
+    return (*RECORD.unpack_from(data, at), 0, 0, 0, 0)
 
 
 def json_object(data: bytes) -> dict[str, Any]:

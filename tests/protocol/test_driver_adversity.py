@@ -215,6 +215,116 @@ def test_a_polygon_fence_holds_a_command_that_leaves_it() -> None:
     assert field.driver.command(Goto((7, 7)), field.now) == Goto((7, 7))
 
 
+def test_a_hold_that_could_not_be_sent_is_sent_when_the_link_returns() -> None:
+    field = Field("ardupilot-rover", position_max_age_s=100.0)
+    field.until(field.ready, 30)
+    field.run(4, Mission(((2, 11),)))
+    field.vehicle.silent = True
+    field.run(8, Mission(((2, 11),)))
+    field.run(1, Hold("enough"))
+    assert field.vehicle.mode == 10
+    field.vehicle.silent = False
+    field.run(3, Hold("enough"))
+    assert field.vehicle.mode == 4
+
+
+def test_a_heartbeat_that_was_overtaken_is_not_the_pilot() -> None:
+    field = Field("ardupilot-rover")
+    field.until(field.ready, 30)
+    old = mav.MAVLink_heartbeat_message(10, 3, 129, 0, 4, 3)  # from before: MANUAL
+    number = field.vehicle.mav.seq
+    field.vehicle.mav.seq = (number - 100) % 256
+    frame = old.pack(field.vehicle.mav)
+    field.vehicle.mav.seq = number
+    field.run(0.9)
+    field.driver.receive(frame, field.now)
+    field.run(1)
+    assert field.driver.state(field.now).phase == "ready"
+
+
+def test_a_slow_upload_stops_a_rover_that_would_drive_a_mix_of_two_missions() -> None:
+    field = Field("ardupilot-rover")
+    field.until(field.ready, 30)
+    field.run(4, Mission(((2, 11),)))
+    original, field.vehicle.ask = field.vehicle.ask, lambda: None  # every request is lost
+    field.run(3, Mission(((8, 4), (8, 8))))
+    assert field.vehicle.mode == 4
+    field.vehicle.ask = original
+    assert field.until(field.arrived, 90, Mission(((8, 4), (8, 8))))
+    assert (8, 4) in field.visited
+
+
+def test_a_quick_upload_does_not_stop_a_rover() -> None:
+    field = Field("ardupilot-rover")
+    field.until(field.ready, 30)
+    field.run(4, Mission(((2, 11),)))
+    mark = len(field.vehicle.received)
+    field.run(5, Mission(((8, 4), (8, 8))))
+    assert 176 not in field.commands_since(mark)
+
+
+def test_a_mode_of_ours_that_shows_up_late_is_not_the_pilot() -> None:
+    field = Field("ardupilot-rover", drive="guided")
+    field.until(field.ready, 30)
+    beat, field.vehicle.heartbeat = field.vehicle.heartbeat, lambda: None  # five heartbeats are lost
+    field.run(5, Mission(((2, 6),)))
+    field.vehicle.heartbeat = beat
+    assert field.until(field.arrived, 30, Mission(((2, 6),)))
+
+
+def test_a_speed_is_given_with_guided_targets_and_after_a_mission_began() -> None:
+    copter = Field("ardupilot-copter", speed_m_s=3.0)
+    copter.until(copter.ready, 30)
+    copter.run(2, Goto((9, 8)))
+    assert [m.param1 for m in copter.vehicle.received if m.get_type() == "COMMAND_INT"] == [3.0]
+    rover = Field("ardupilot-rover", speed_m_s=2.0)
+    rover.until(rover.ready, 30)
+    rover.run(3, Mission(((2, 9),)))
+    speeds = [m.param2 for m in rover.vehicle.received if m.get_type() == "COMMAND_LONG" and m.command == 178]
+    assert speeds == [2.0]
+
+
+def test_a_take_off_that_was_lost_is_asked_for_again() -> None:
+    field = Field("ardupilot-copter")
+    original, lost = field.vehicle.on_command_long, []
+
+    def deaf(message: object) -> None:
+        if message.command == 22 and len(lost) < 6:  # type: ignore[attr-defined]
+            lost.append(message)
+        else:
+            original(message)
+
+    field.vehicle.on_command_long = deaf
+    assert field.until(field.ready, 60)
+    assert len(lost) == 6
+
+
+def test_an_upload_that_the_vehicle_refuses_is_reported_with_its_reason() -> None:
+    field = Field("ardupilot-rover")
+    field.until(field.ready, 30)
+    field.vehicle.on_mission_count = lambda _m: field.vehicle.mission_ack(4)
+    field.run(2, Mission(((2, 9),)))
+    assert field.driver.status is Status.UPLOAD_FAILED
+    assert "status: upload_failed: too many items for the vehicle" in field.events
+
+
+def test_a_px4_mode_that_never_switches_is_reported_though_it_is_acknowledged() -> None:
+    field = Field("px4-rover")
+    field.until(field.ready, 30)
+    field.vehicle.set_mode = lambda _mode: None
+    field.run(14, Mission(((2, 9),)))
+    assert field.driver.status is Status.STALE_TARGET
+
+
+def test_a_px4_rover_that_ignores_its_new_current_item_is_reported() -> None:
+    field = Field("px4-rover")
+    field.until(field.ready, 30)
+    assert field.until(field.arrived, 60, Mission(((2, 6), (4, 6))))
+    field.vehicle.on_mission_set_current = lambda _m: None  # "Busy"
+    field.run(8, Mission(((4, 3), (8, 3))))
+    assert field.driver.status is Status.STALE_TARGET
+
+
 def test_without_auto_launch_nothing_is_armed_until_told() -> None:
     field = Field("ardupilot-rover", auto_launch=False)
     field.run(10)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -194,8 +195,9 @@ def test_a_log_that_stopped_and_a_state_that_cannot_be_saved_are_problems_not_en
     rig = Rig()
     rig.log.stopped = "recording stopped: No space left on device"
     rig.saver.last_error = "No space left on device"
+    rig.daemon._ports = dataclasses.replace(rig.daemon._ports, radio_problem=lambda: "nobody is there")
     rig.run(1)
-    assert len(rig.last.problems) == 2
+    assert len(rig.last.problems) == 3
     assert rig.vehicle.commands[-1] == Goto((5, 5))
 
 
@@ -213,7 +215,37 @@ def test_a_flood_of_forged_and_replayed_messages_changes_nothing_and_does_not_fi
         rig.run(0.2)
     assert rig.vehicle.commands[-1] == before
     assert len(rig.last.neighbors) == 1
-    assert len(rig.log.of("heard")) == 5 * 64
+    assert len(rig.log.of("heard")) == 5 * 16
+
+
+def test_a_neighbour_whose_clock_is_an_hour_off_is_a_neighbour_like_any_other() -> None:
+    for skew_s in (-3600, -5, 5, 3600):
+        rig, other = Rig(1), Rig(2, start_ns=(5000 + skew_s) * NS_PER_S)
+        talk(rig, other, seconds=1)
+        assert [n.robot_id for n in rig.last.neighbors] == [2]
+        assert rig.last.neighbors[0].age_s < 1
+        rig.run(4)
+        assert rig.last.neighbors == []
+
+
+def test_a_neighbour_with_another_configuration_or_key_is_told_of() -> None:
+    rig, other = Rig(1), Rig(2)
+    other.run(0.2)
+    rig.agent.neighbors._config_digest ^= 1
+    rig.radio.arrived += [*other.radio.sent, bytes([other.radio.sent[0][0]]) * 127]
+    rig.run(0.2)
+    lines = [text for _, _, text, _ in rig.log.of("text")]
+    assert any("another [grid] or [team]" in line for line in lines)
+    assert any("wrong signature" in line for line in lines)
+
+
+def test_all_counters_go_to_the_log_every_ten_seconds() -> None:
+    rig = Rig()
+    rig.run(25)
+    lines = [text for _, _, text, _ in rig.log.of("text") if text.startswith("counters ")]
+    assert len(lines) == 2
+    assert "budget_bytes_sent=" in lines[0]
+    assert "ticks=51" in lines[0]
 
 
 def test_observe_hear_decide_and_send_are_logged_in_the_order_in_which_the_agent_met_them() -> None:

@@ -12,14 +12,14 @@ from gatar_edge.learn.networks import build
 from gatar_edge.learn.train import Trainer, load_model
 
 
-class PowerCutError(Exception):
-    """Ends a run in the middle."""
+class CutError(Exception):
+    """Stands for a power cut."""
 
 
 def cut_after(step):
     def report(progress):
         if progress.step == step:
-            raise PowerCutError
+            raise CutError
 
     return report
 
@@ -46,7 +46,7 @@ def test_another_seed_gives_other_weights(tmp_path):
 
 
 def test_a_run_that_was_cut_off_ends_with_the_weights_of_one_that_was_not(tmp_path):
-    with pytest.raises(PowerCutError):
+    with pytest.raises(CutError):
         Trainer(options(), tmp_path).run(cut_after(7), checkpoint_every_s=0.0)
     again = Trainer(options(), tmp_path)
     assert 0 < again.step < 12

@@ -42,6 +42,9 @@ def snapshot(**changes: object) -> Snapshot:
     return msgspec.structs.replace(rig.last, **changes)
 
 
+snapshot_of_all = snapshot()
+
+
 def get(watch: HttpWatch, path: str) -> tuple[int, str]:
     connection = http.client.HTTPConnection(*watch.address, timeout=20)
     connection.request("GET", path)
@@ -68,6 +71,13 @@ def test_the_manager_hears_ready_once_the_watchdog_each_tick_and_the_status_each
 def test_without_a_manager_or_with_a_vanished_one_nothing_happens(tmp_path: Path) -> None:
     for environment in ({}, {"NOTIFY_SOCKET": str(tmp_path / "gone")}, {"NOTIFY_SOCKET": "@gatar-absent"}):
         Notifier(environment).published(snapshot())
+
+
+def test_a_manager_that_does_not_read_does_not_hold_up_the_loop(manager: socket.socket) -> None:
+    notifier = Notifier({"NOTIFY_SOCKET": manager.getsockname()})
+    for _ in range(2000):  # more than any system queues
+        notifier.published(snapshot_of_all)
+    assert "READY=1" in notified(manager)
 
 
 def test_health_is_200_while_all_is_well_and_503_with_the_problem_otherwise() -> None:

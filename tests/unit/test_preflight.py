@@ -1,0 +1,133 @@
+"""`gatar vehicle --check`: what is good is described, and each thing that is not is one line and exit code 2."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from gatar_edge.commands.init import command as init
+from gatar_edge.errors import GatarError, ModelError
+from gatar_edge.policy import DEFAULT_MODEL
+from gatar_edge.preflight import Prepared, anchored_clock, describe, make_allocator, prepare
+from gatar_edge.types import RobotKind, RobotState
+from gatar_edge.vehicle_config import read_config
+from gatar_edge.view import build_view
+
+NOW_NS = 1_800_000_000_000_000_000
+
+
+def written(folder: Path, *arguments: str) -> Path:
+    path = folder / "vehicle.toml"
+    given = [
+        "--id",
+        "3",
+        "--kind",
+        "UAV",
+        "--origin",
+        "47,8",
+        "--url",
+        "udpin:127.0.0.1:14551",
+        "--allocator",
+        "greedy",
+    ]
+    result = CliRunner().invoke(init, ["--config", str(path), "--peer", "127.0.0.1:14602", *given, *arguments])
+    assert result.exit_code == 0, result.output
+    return path
+
+
+def check(path: Path) -> Prepared:
+    return prepare(read_config(path), NOW_NS)
+
+
+def test_a_good_configuration_is_described_with_what_it_would_do(tmp_path: Path) -> None:
+    prepared = check(written(tmp_path))
+    text = "\n".join(describe(prepared, dry_run=False))
+    assert "takes off to 20 m when a person has armed it" in text
+    assert "greedy 5 times a second" in text
+    assert "635 of 32768 bytes/s" in text
+    assert "shadow mode: no command is sent" in "\n".join(describe(prepared, dry_run=True))
+
+
+def test_a_model_that_was_trained_for_something_else_is_refused_with_both_values(tmp_path: Path) -> None:
+    path = written(tmp_path, "--allocator", "gatar", "--r-sense", "9")
+    with pytest.raises(ModelError, match=r"r_sense is 4 to 4 cells, the robot is configured to 9"):
+        check(path)
+
+
+def test_a_file_that_is_no_model_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path, "--allocator", "gatar")
+    (tmp_path / "no.onnx").write_bytes(b"no model")
+    edit('allocator = "gatar"', 'allocator = "gatar"\nfile = "no.onnx"')(tmp_path)
+    with pytest.raises(ModelError, match=r"no\.onnx") as caught:
+        check(path)
+    assert "\n" not in str(caught.value)
+
+
+def break_key(folder: Path) -> None:
+    (folder / "team.key").chmod(0o644)
+
+
+def remove_key(folder: Path) -> None:
+    (folder / "team.key").unlink()
+
+
+def edit(old: str, new: str) -> Callable[[Path], None]:
+    def change(folder: Path) -> None:
+        path = folder / "vehicle.toml"
+        text = path.read_text()
+        assert old in text
+        path.write_text(text.replace(old, new))
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("break_it", "words"),
+    [
+        (break_key, "chmod 600"),
+        (remove_key, "team.key cannot be read"),
+        (edit('allocator = "greedy"', 'allocator = "magic"'), "allocator 'magic' is unknown"),
+        (
+            edit('allocator = "greedy"', 'allocator = "greedy"\nfile = "m.onnx"'),
+            "model.file is for the allocator gatar",
+        ),
+        (edit("udpin:127.0.0.1:14551", "udp:127.0.0.1:14551"), "'udp' is unknown"),
+        (edit("udpin:127.0.0.1:14551", "udpin:127.0.0.1"), "HOST:PORT"),
+        (edit("127.0.0.1:14602", "127.0.0.1"), "net.peers '127.0.0.1'"),
+        (edit("127.0.0.1:14700", "0.0.0.0:14700"), "allow_remote"),
+        (edit("altitude_m = 20.0", "altitude_m = 150.0"), "altitude_band_m"),
+        (edit("# bytes_per_s = 32768", "bytes_per_s = 1000 #"), "$.net.bytes_per_s"),
+        (edit('folder = "logs"', 'folder = "/proc/logs"'), "log.folder"),
+    ],
+)
+def test_each_mistake_is_one_line(tmp_path: Path, break_it: Callable[[Path], None], words: str) -> None:
+    path = written(tmp_path)
+    break_it(tmp_path)
+    with pytest.raises(GatarError) as caught:
+        check(path)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_model_file_that_vanishes_in_flight_changes_nothing(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    (tmp_path / "mine.onnx").write_bytes(DEFAULT_MODEL.read_bytes())
+    edit('allocator = "greedy"', 'allocator = "gatar"\nfile = "mine.onnx"')(tmp_path)
+    config = read_config(path)
+    allocator = make_allocator(config)
+    (tmp_path / "mine.onnx").write_bytes(b"another one, half written")
+    ego = RobotState(3, RobotKind.UAV, (0, 0), 1.0)
+    view = build_view(0, ego, [], np.zeros((15, 15), np.uint8), 6.0, 2, 64)
+    assert len(allocator.allocate(view).choices) == 1
+
+
+def test_a_jump_of_the_clock_of_day_does_not_reach_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock_ns = anchored_clock()
+    before_ns = clock_ns()
+    monkeypatch.setattr(time, "time_ns", lambda: 0)
+    assert 0 <= clock_ns() - before_ns < 60_000_000_000
