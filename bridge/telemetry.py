@@ -20,6 +20,7 @@ class Telemetry:
     position: wire.GlobalPosition | None = None
     position_ns: int = NEVER
     home: wire.HomePosition | None = None
+    origin: wire.GlobalOrigin | None = None
     current: wire.MissionCurrent | None = None
     current_ns: int = NEVER
     echo: wire.PositionTarget | None = None
@@ -36,6 +37,8 @@ class Telemetry:
                 self.position, self.position_ns = message, now_ns
             case wire.HomePosition() if message.lat_e7 or message.lon_e7:
                 self.home = message
+            case wire.GlobalOrigin() if message.lat_e7 or message.lon_e7:
+                self.origin = message
             case wire.MissionCurrent():
                 self.current, self.current_ns = message, now_ns
             case wire.PositionTarget():

@@ -42,7 +42,7 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True):
     r_comm: float = 6.0
     loss: float = 0.0
     delay_ticks: int = 0
-    keep_task: bool = False
+    follow: bool = False  # the allocator at every tick; else tasks are kept, as on vehicles
     max_steps: int = 500
 
     @property
@@ -99,7 +99,7 @@ def fly_one(flight: Flight) -> Figures:
         grid=GridSpec(width=world.shape[0], height=world.shape[1]),
         r_sense=campaign.r_sense,
         r_comm=float(sum(world.shape)) if central else campaign.r_comm,
-        keep_task=campaign.keep_task,
+        keep_task=not campaign.follow,
     )
     delay_ns = campaign.delay_ticks * STEP_NS
     radio = LinkFaults() if central else LinkFaults(campaign.loss, delay_min_ns=delay_ns, delay_max_ns=delay_ns)
@@ -137,14 +137,16 @@ class _Line(msgspec.Struct):
 
 
 def load_results(path: Path) -> dict[str, Figures]:
-    """Figures by `Flight.key`. A last line that was cut off is left out; raises ConfigError for any other."""
-    if not path.exists():
-        return {}
+    """Figures by `Flight.key`; makes the file where there is none.
+
+    A last line that was cut off is taken away; raises ConfigError for any other, and where the file cannot be written.
+    """
     try:
+        path.open("ab").close()
         lines = path.read_bytes().split(b"\n")
         found = [msgspec.json.decode(line, type=_Line) for line in lines[:-1]]
     except (OSError, msgspec.MsgspecError) as error:
-        raise ConfigError(f"{path} is not a file of results: {error}") from error
+        raise ConfigError(f"{path} cannot be used as a file of results: {error}") from error
     if lines[-1]:
         path.write_bytes(b"".join(line + b"\n" for line in lines[:-1]))
     return {line.key: line.figures for line in found}

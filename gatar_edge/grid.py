@@ -85,7 +85,8 @@ def simplify(path: tuple[Cell, ...]) -> tuple[Cell, ...]:
     """The corners of a 4-connected path and its end, without its start: what a ground robot must drive through.
 
     Legs between corners run along one axis through exactly the path's cells, and the first one stays within them from
-    anywhere in the start cell: nothing cuts an obstacle's corner. A path of one cell gives that cell.
+    anywhere in the start cell: nothing cuts an obstacle's corner. A path of one cell gives that cell, an empty one
+    none.
     """
     if len(path) < 2:
         return path

@@ -29,13 +29,14 @@ def describe_run(
     allocator: str,
     *,
     model: str = "",
+    model_sha256: str = "",
     first_seqs: Mapping[int, int] | None = None,
     extra: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """The `run_info` of a `Recorder`: what a replay needs, and what a reader asks first. Never holds a key.
 
     `model` is the file of the learned allocator, where `allocator` does not name it (`gatar:FILE`) and it is not the
-    shipped one.
+    shipped one; `model_sha256` its digest, where that is known already.
     `extra` adds fields of the mission, such as team, seed, r_comm of the radio, step_s, or the command line.
     """
     return {
@@ -51,7 +52,7 @@ def describe_run(
             for robot in robots
         ],
         "allocator": allocator,
-        **_model(allocator, model),
+        **_model(allocator, model, model_sha256),
         "versions": _versions(),
         **(extra or {}),
     }
@@ -77,9 +78,11 @@ def model_file(allocator: str, model: str = "") -> Path | None:
     return DEFAULT_MODEL
 
 
-def _model(allocator: str, model: str) -> dict[str, str]:
+def _model(allocator: str, model: str, digest: str) -> dict[str, str]:
     path = model_file(allocator, model)
-    return {"model": "", "model_sha256": ""} if path is None else {"model": path.name, "model_sha256": sha256_of(path)}
+    if path is None:
+        return {"model": "", "model_sha256": ""}
+    return {"model": path.name, "model_sha256": digest or sha256_of(path)}
 
 
 @cache

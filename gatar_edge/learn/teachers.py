@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from gatar_edge.allocators.tours import Plan, Problem
 from gatar_edge.learn.compiled import compiled_tours
+from gatar_edge.learn.jit import compiled
 from gatar_edge.learn.kernels import path_lengths
 from gatar_edge.types import RobotKind
 
@@ -25,7 +25,7 @@ _KINDS = len(RobotKind)
 Array = npt.NDArray[Any]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def routing(first: Array, legs: Array, kinds: Array, pace: Array, rounds: int, out: Array) -> float:
     """First stop of each robot into `out` int64 [N], -1 where it has none; returns the plan's cost in seconds.
 
@@ -47,7 +47,7 @@ def routing(first: Array, legs: Array, kinds: Array, pace: Array, rounds: int, o
     return cost
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def legs_between(belief: Array, targets: Array, legs: Array) -> None:
     """Cells from target to target by kind into `legs` float64 [2, M, M], on what `belief` uint8 [W, H] knows."""
     width, height = belief.shape
@@ -61,7 +61,7 @@ def legs_between(belief: Array, targets: Array, legs: Array) -> None:
                 legs[kind, a, b] = steps if steps >= 0 else np.inf
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def routing_on_view(
     belief: Array, lengths: Array, targets: Array, kinds: Array, speeds: Array, rounds: int, out: Array
 ) -> float:
@@ -79,7 +79,7 @@ def routing_on_view(
     return cost
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def routing_labels(
     beliefs: Array, lengths: Array, targets: Array, counts: Array, kinds: Array, speeds: Array, rounds: int, out: Array
 ) -> None:

@@ -19,6 +19,8 @@ from gatar_edge.sim_sitl.world import World, observe, reachable_targets
 from gatar_edge.tasks import to_command
 from gatar_edge.types import NS_PER_S, Cell, Decision, RobotKind, TaskKind
 
+TALK_ROUNDS = 2  # a step, for allocators that talk to each other
+
 
 @dataclass(slots=True)
 class Lockstep:
@@ -89,6 +91,13 @@ class Lockstep:
                 self.recorder.sent(robot_id, message, self.now_ns)
         while air:
             air = [relay for sender, datagram in air for relay in self._deliver(sender, datagram)]
+        for _ in range(TALK_ROUNDS):
+            talks = [(agent, talk) for agent in self._flying() for talk in agent.negotiate(self.now_ns)]
+            for agent, talk in talks:
+                if self.recorder is not None:
+                    self.recorder.sent(agent.identity.robot_id, talk, self.now_ns)
+            for agent, talk in talks:
+                self._deliver(agent.identity.robot_id, talk)
 
     def _deliver(self, sender: int, datagram: bytes) -> list[tuple[int, bytes]]:
         """Everybody in range hears it; what they pass on."""

@@ -23,9 +23,7 @@ export const LEGEND = [
 export function headline(run) {
   const { result: r } = run, count = (kind) => run.robots.filter((robot) => robot.kind === kind).length;
   const end = r.steps_100 ?? null;
-  const what = r.targets === null || r.targets === undefined
-    ? `${run.localized(run.duration)} targets localized`
-    : `${r.localized} of ${r.reachable ?? r.targets} targets localized`;
+  const what = `${r.localized} of ${r.reachable ?? r.targets} ${r.truth === false ? "known " : ""}targets localized`;
   const team = [0, 1].filter(count).map((kind) => plural(count(kind), KIND[kind])).join(" and ");
   const when = end !== null ? `in ${number(end)} steps` : `in ${run.label(run.duration)}`;
   const facts = [team, `${run.run.allocator} allocator`, run.run.seed !== undefined ? `seed ${run.run.seed}` : "", `${run.grid.w} × ${run.grid.h} cells of ${number(run.grid.cell_m)} m`, run.name];
@@ -49,7 +47,7 @@ export function badges(run) {
 
 export function tiles(runs) {
   const rows = [
-    ["Localized", (r) => (r.targets === null ? null : `${r.localized}<small>of ${r.reachable}</small>`), (r) => r.localized / Math.max(1, r.reachable)],
+    ["Localized", (r) => `${r.localized}<small>of ${r.reachable}${r.truth === false ? " known" : ""}</small>`, (r) => r.localized / Math.max(1, r.reachable)],
     ["By step 10 / 20 / 40", (r) => r.localized_by && Object.values(r.localized_by).join("<small>/</small> ")],
     ["Steps to 90 %", (r) => number(r.steps_90)],
     ["Steps to 100 %", (r) => number(r.steps_100)],

@@ -46,8 +46,9 @@ def health_lines(health: Json) -> list[str]:
 def _result(result: Json) -> Table:
     table = _table("result", "")
     by = result.get("localized_by") or {}
+    known = "" if result.get("truth", True) else " that the robots knew of"
     rows = {
-        "targets localized": _of(result.get("localized"), result.get("reachable")),
+        "targets localized": f"{result['localized']} of {result['reachable']}" + known,
         **{f"  by step {step}": _text(count) for step, count in by.items()},
         "steps to 90 % / 100 %": f"{_text(result.get('steps_90'))} / {_text(result.get('steps_100'))}",
         "distance, cells": ", ".join(f"{kind} {_text(cells)}" for kind, cells in result["distance_cells"].items()),
@@ -82,10 +83,6 @@ def _table(*heads: str) -> Table:
     for index, head in enumerate(heads):
         table.add_column(head, justify="right" if index else "left")
     return table
-
-
-def _of(count: Any, total: Any) -> str:
-    return "unknown (no truth in this log)" if count is None else f"{count} of {total}"
 
 
 def _text(value: Any) -> str:

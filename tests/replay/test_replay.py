@@ -63,7 +63,7 @@ def test_a_mission_flown_now_replays_bit_for_bit(name: str, tmp_path: Path) -> N
     result = replay(tmp_path / "a.mcap")
     assert result.to_json()["first_difference"] is None
     assert (result.decisions, result.equal) == (4 * mission.steps, 4 * mission.steps)
-    assert result.messages == result.messages_equal == 4 * mission.steps
+    assert result.messages == result.messages_equal >= 4 * mission.steps  # more where allocators talk
     assert result.heard == result.heard_equal > 0
 
 

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from gatar_edge.agent import Agent, Identity, Inbox
 from gatar_edge.allocators.registry import NAMES, make
 from gatar_edge.config import AgentConfig
+from gatar_edge.keys import DEMO_KEY
 from gatar_edge.sim_sitl.faults import LinkFaults
 from gatar_edge.sim_sitl.grid_mission import GridMission, fly
-from gatar_edge.sim_sitl.tally import Result
-from gatar_edge.sim_sitl.world import Team, random_world
-from gatar_edge.types import GridSpec
+from gatar_edge.sim_sitl.tally import Result, Tally
+from gatar_edge.sim_sitl.world import Team, observe, random_world
+from gatar_edge.types import GridSpec, RobotKind
 
 RULES = [name for name in NAMES if name != "gatar"]
 SIZE = 10
@@ -45,6 +49,20 @@ def test_auction_pays_for_its_talk_in_bytes() -> None:
 def test_team_that_looks_at_itself_is_faster_than_everybody_alone() -> None:
     steps = {rule: np.mean([flown(rule, "2A2G", seed).steps for seed in range(8)]) for rule in ("random", "hungarian")}
     assert steps["hungarian"] < 0.9 * steps["random"]
+
+
+def test_chasing_what_lies_behind_walls_is_counted() -> None:
+    world = random_world(Team.parse("0A1G"), 2, 5, 5, 1)
+    obstacles = np.zeros((5, 5), dtype=np.bool_)
+    obstacles[2, :] = True
+    walled = replace(world, obstacles=obstacles, targets=np.array([[0, 4], [4, 4]], dtype=np.int16), starts=((0, 0),))
+    config = AgentConfig(grid=GridSpec(width=5, height=5), r_sense=1.0)
+    tally = Tally(walled, "greedy")
+    seen = observe(walled, 1, (0, 0), 1.0, 0)
+    for target in (walled.targets[:1], walled.targets[1:]):
+        agent = Agent(Identity(1, RobotKind.UGV, 1.0), config, make("greedy")(), DEMO_KEY)
+        tally.decided(agent.tick(0, Inbox(replace(seen, targets=target))).decision, 0)
+    assert tally.unreachable == 1
 
 
 @pytest.mark.slow
