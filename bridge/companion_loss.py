@@ -15,7 +15,7 @@ from gatar_edge.bridge.profiles.px4_modes import OFFBOARD
 
 Parameters = Mapping[str, float]
 
-_ARDUPILOT_NAMES = ("SYSID_MYGCS", "MAV_GCS_SYSID", "SYSID_ENFORCE", "FS_GCS_ENABLE", "FS_GCS_TIMEOUT")
+_ARDUPILOT_NAMES = ("SYSID_MYGCS", "MAV_GCS_SYSID", "FS_GCS_ENABLE", "FS_GCS_TIMEOUT")
 _GCS_TIMEOUT_S = 5.0  # where the firmware has no FS_GCS_TIMEOUT
 _NOTICES_AFTER_S = 1.5  # FS_TIMEOUT's default: a rover waits this much longer
 _COPTER_ACTS = {
@@ -127,7 +127,7 @@ class _Stack:
     outcome: Callable[[Parameters, Situation], Outcome]
 
 
-_PX4 = _Stack(("NAV_DLL_ACT", "COM_DL_LOSS_T", "COM_OF_LOSS_T", "COM_OBL_RC_ACT"), _px4)
+_PX4 = _Stack(("NAV_DLL_ACT", "COM_OF_LOSS_T", "COM_OBL_RC_ACT"), _px4)
 _STACKS: dict[str, _Stack] = {
     "ardupilot-copter": _Stack((*_ARDUPILOT_NAMES, "FS_OPTIONS"), lambda p, at: _ardupilot(p, at, _copter_acts)),
     "ardupilot-rover": _Stack(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from gatar_edge.bridge import wire
 from gatar_edge.bridge.geo import geodetic_to_enu
+from gatar_edge.bridge.wire import MessageId
 
 NEVER = -1
 
@@ -57,6 +58,12 @@ class Telemetry:
     def custom_mode(self) -> int | None:
         """Its mode, as the heartbeat alone can tell."""
         return self.heartbeat.custom_mode if self.heartbeat else None
+
+    @property
+    def unknown(self) -> tuple[int, ...]:
+        """Ids of the messages that are needed once and have not come."""
+        needed = {MessageId.HOME_POSITION: self.home, MessageId.GPS_GLOBAL_ORIGIN: self.origin}
+        return tuple(message_id for message_id, value in needed.items() if value is None)
 
     @property
     def lat_lon_deg(self) -> tuple[float, float] | None:

@@ -224,7 +224,7 @@ def _settings(config: VehicleConfig, *, dry_run: bool) -> Settings:
         tick_ns=int(NS_PER_S / config.loop.tick_hz),
         save_ns=int(config.state.period_s * NS_PER_S),
         dry_run=dry_run,
-        hold_on_stop=config.vehicle.on_stop == "hold",
+        on_stop=config.vehicle.on_stop,
     )
 
 

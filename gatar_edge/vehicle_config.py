@@ -100,7 +100,9 @@ class VehicleSection(_Section, frozen=True, kw_only=True):
     fence: list[tuple[_Latitude, _Longitude]] = field(default_factory=list)  # corners; empty: the grid's rectangle
     drive: Literal["mission", "guided"] = "mission"  # how a UGV is driven
     launch: Literal["armed", "auto"] = "armed"  # take over, and take off, once a person has armed it; or arm it oneself
-    on_stop: Literal["hold", "leave"] = "hold"  # what SIGTERM does: stop the vehicle, or leave it to its last order
+    min_separation_m: Annotated[float, Meta(ge=0, le=1000)] = 0.0  # UGVs: rest no nearer to another; 0: not asked
+    # what SIGTERM does: stop the vehicle, let a UAV return to launch, or leave it to its last order
+    on_stop: Literal["hold", "return", "leave"] = "hold"
 
     def __post_init__(self) -> None:
         if self.fence and len(self.fence) < 3:
@@ -173,6 +175,9 @@ class VehicleConfig(_Section, frozen=True, kw_only=True):
             )
         if self.vehicle.sysid == 0 and self.robot.id > 255:
             raise ValueError(f"robot.id {self.robot.id} is no MAVLink system id: give vehicle.sysid")
+
+        if self.vehicle.on_stop == "return" and self.kind is RobotKind.UGV:
+            raise ValueError('vehicle.on_stop "return" is for UAVs: a UGV would drive home straight through obstacles')
 
     @property
     def speed_cells_s(self) -> float:

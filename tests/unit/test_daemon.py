@@ -181,10 +181,25 @@ def test_stopping_holds_the_vehicle_and_waits_for_it() -> None:
 
 
 def test_stopping_leaves_the_vehicle_to_its_last_order_where_so_configured() -> None:
-    rig = Rig(hold_on_stop=False)
+    rig = Rig(on_stop="leave")
     rig.run(1)
     assert rig.daemon.stop(rig.now_ns)
     assert rig.vehicle.commands[-1] == Goto((5, 5))
+
+
+def test_a_vehicle_that_was_sent_home_gets_no_other_order() -> None:
+    rig = Rig(on_stop="return")
+    rig.run(1)
+    assert rig.daemon.stop(rig.now_ns)
+    assert rig.vehicle.commands[-1] == Goto((5, 5))
+    assert rig.vehicle.sent_home
+
+
+def test_a_dry_run_sends_nothing_home() -> None:
+    rig = Rig(on_stop="return", dry_run=True)
+    rig.run(1)
+    assert rig.daemon.stop(rig.now_ns)
+    assert not rig.vehicle.sent_home
 
 
 def test_the_state_is_saved_once_a_period_not_once_a_tick() -> None:
