@@ -101,6 +101,7 @@ class Ports:
     log: Log | None = None
     saver: Saver | None = None
     published: Callable[[Snapshot], None] = lambda snapshot: None
+    radio_problem: Callable[[], str] = lambda: ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -304,6 +305,7 @@ class Daemon:
             perception_rate_hz=self.perception.rate_hz(now_ns),
             decision_ms=decision.latency_ns / 1e6,
             fallbacks_in_a_row=self.counters.fallbacks_in_a_row,
+            radio_problem=self._ports.radio_problem(),
             log_problem=log.stopped if log is not None else "",
             state_problem=f"state is not saved: {saver.last_error}" if saver is not None and saver.last_error else "",
             counters=self._all_counters(),

@@ -18,9 +18,9 @@ _MIN_INTERVAL_NS = 20_000_000  # faster is not simulated
 _NEVER_NS = 1 << 62
 _CELLS = [65535] * 10
 _CAN_MOVE = frozenset({Does.GUIDED, Does.AUTO, Does.RETURN, Does.OFFBOARD, Does.TAKEOFF})
-# MAV_SYS_STATUS_SENSOR: gyro, accelerometer, magnetometer, pressure, GPS, AHRS, battery.
-_SENSORS = 0x01 | 0x02 | 0x04 | 0x08 | 0x20 | 0x200000 | 0x2000000
-_GPS = 0x20
+# MAV_SYS_STATUS_SENSOR: gyro, accelerometer, magnetometer, pressure, GPS, AHRS, battery, pre-arm check.
+_SENSORS = 0x01 | 0x02 | 0x04 | 0x08 | 0x20 | 0x200000 | 0x2000000 | 0x10000000
+_NEEDS_POSITION = 0x20 | 0x200000 | 0x10000000  # GPS, AHRS, and so the pre-arm check: MAVSDK's "armable"
 
 
 def _position_e7(core: Core) -> tuple[int, int]:
@@ -85,7 +85,7 @@ def gps_raw_int(core: Core) -> Fields:
 
 def sys_status(core: Core) -> Fields:
     """Battery and health: GPS and AHRS are healthy once the EKF is ready."""
-    health = _SENSORS if core.ready else _SENSORS & ~(_GPS | 0x200000)
+    health = _SENSORS if core.ready else _SENSORS & ~_NEEDS_POSITION
     return {
         "onboard_control_sensors_present": _SENSORS, "onboard_control_sensors_enabled": _SENSORS,
         "onboard_control_sensors_health": health, "load": 150, "voltage_battery": _millivolts(core),

@@ -33,7 +33,8 @@ def command(model: Path, as_json: bool) -> None:
     elif proof.ok:
         click.echo(
             f"{proof.model}: equal in {proof.states} states of {proof.robots[0]} to {proof.robots[1]} robots, "
-            f"{proof.decisions} decisions; largest difference {proof.max_difference:.1e} (tolerance {proof.tolerance:.0e})"
+            f"{proof.decisions} decisions; largest difference {proof.max_difference:.1e} "
+            f"(tolerance {proof.tolerance:.0e})"
         )
     else:
         click.echo(f"{proof.model}: {proof.error}", err=True)

@@ -78,7 +78,7 @@ def loss_of(outputs: Any, batch: Batch) -> Tensor:
 
 def _usable(batch: Batch) -> np.ndarray[Any, np.dtype[np.int64]]:
     """Labels, without those that ego believes unreachable: the network cannot score them."""
-    valid = np.asarray(batch.inputs["valid"])
+    valid: np.ndarray[Any, Any] = batch.inputs["valid"]
     labels: np.ndarray[Any, np.dtype[np.int64]] = batch.labels
     column = np.clip(labels, 0, valid.shape[2] - 1)
     known = np.take_along_axis(valid, column[..., None], axis=2)[..., 0] > 0

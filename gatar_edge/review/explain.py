@@ -76,7 +76,7 @@ def headline(decision: Json) -> str:
 def why(decision: Json, previous: Json | None, candidates: list[Json]) -> list[str]:
     """The reasons, the most telling first."""
     assignment = decision["assignment"]
-    lines = [_REASONS.get(assignment["reason"], assignment["reason"]).format(allocator=decision["allocator"])]
+    lines = [_reason(decision, candidates)]
     if decision["fallback"]:
         lines.insert(
             0, f"The configured allocator failed ({decision['fallback']}), so {decision['allocator']} decided."
@@ -190,6 +190,16 @@ def _given_up(decision: Json, cell: Any) -> str:
     if still_open["given_to"] not in (NOBODY, decision["robot_id"]):
         return f"It gave up {where}: the joint solution now gives it to robot {still_open['given_to']}."
     return f"It gave up {where} for this."
+
+
+def _reason(decision: Json, candidates: list[Json]) -> str:
+    reason = decision["assignment"]["reason"]
+    if reason == "frontier":
+        free = sum(c["length"] >= 0 and c["given_to"] == c["claimed_by"] == NOBODY for c in candidates)
+        if free:
+            none = f"The {decision['allocator']} allocator gave it none of {_count(free, 'open target')}"
+            return f"{none} that nobody claims, so it goes to see the nearest unknown cell that nobody else covers."
+    return str(_REASONS.get(reason, reason)).format(allocator=decision["allocator"])
 
 
 def _taken_offer(decision: Json, candidates: list[Json]) -> list[str]:

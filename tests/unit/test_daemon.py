@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -209,8 +210,9 @@ def test_a_log_that_stopped_and_a_state_that_cannot_be_saved_are_problems_not_en
     rig = Rig()
     rig.log.stopped = "recording stopped: No space left on device"
     rig.saver.last_error = "No space left on device"
+    rig.daemon._ports = dataclasses.replace(rig.daemon._ports, radio_problem=lambda: "nobody is there")
     rig.run(1)
-    assert len(rig.last.problems) == 2
+    assert len(rig.last.problems) == 3
     assert rig.vehicle.commands[-1] == Goto((5, 5))
 
 

@@ -74,6 +74,8 @@ def test_paths_are_relative_to_the_file(tmp_path: Path) -> None:
         (("[vehicle]", "[vehicle]\nfence = [[8.0, 247.0]]"), "$.vehicle.fence[0][1]"),
         (("[net]", "cell_m = 0.1\n[net]"), "robot.speed_m_s 5 is 50 cells/s"),
         (("id = 3", "id = 300"), "vehicle.sysid"),
+        (("[net]", "[net]\ntransport = 'zenoh'"), "no zenoh endpoint"),
+        (("[net]", "[net]\ntransport = 'mavlink'\ngroup = '239.1.1.1:1'"), "`group` is of transport udp"),
     ],
 )
 def test_a_mistake_is_one_line_with_its_place(change: tuple[str, str], words: str) -> None:
@@ -88,3 +90,10 @@ def test_a_file_that_is_missing_or_not_text_is_a_config_error(tmp_path: Path) ->
     for name in ("absent.toml", "binary.toml", "."):
         with pytest.raises(ConfigError, match=r"\S"):
             read_config(tmp_path / name)
+
+
+def test_a_ground_robot_cannot_be_sent_home_straight_through_obstacles() -> None:
+    text = SMALLEST.replace("[vehicle]", "[vehicle]\non_stop = 'return'")
+    with pytest.raises(ConfigError, match="is for UAVs"):
+        parse_config(text)
+    assert parse_config(text.replace("UGV", "UAV")).vehicle.on_stop == "return"

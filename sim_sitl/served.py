@@ -1,0 +1,101 @@
+"""Simulated autopilots on one UDP port, driven by a thread of their own: for clients that know no virtual time."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+from gatar_edge.errors import ConfigError
+from gatar_edge.sim_sitl.autopilot import AutopilotConfig, SimAutopilot, Truth
+from gatar_edge.sim_sitl.realtime import UdpSocket
+from gatar_edge.types import NS_PER_S
+
+_SLICE_S = 0.02  # of simulated time; answers do not wait for it
+_IDLE_S = 0.002  # of the wall clock, between looks at the socket
+_POLL_S = 0.01
+
+
+class ServedVehicles:
+    """A context manager: while it is entered, the vehicles answer at `port`, `speed` times as fast as the wall clock.
+
+    Where the machine is busy the simulated time slips; it never jumps, so that no timer of a vehicle runs out unseen.
+    """
+
+    def __init__(
+        self, configs: Sequence[AutopilotConfig], *, speed: float = 1.0, listen: str = "udp:127.0.0.1:0"
+    ) -> None:
+        ids = [config.sysid for config in configs]
+        if not ids or len(set(ids)) < len(ids):
+            raise ConfigError(f"system ids are {ids}, must be at least one, each its own")
+        if not 0.1 <= speed <= 100:
+            raise ConfigError(f"speed is {speed}, must be 0.1 to 100")
+        self._speed = speed
+        self._socket = UdpSocket(listen)
+        self._vehicles = {config.sysid: SimAutopilot(config, 0) for config in configs}
+        self._now_ns = 0
+        self._lock = threading.Lock()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._serve, name="gatar-vehicles", daemon=True)
+
+    def __enter__(self) -> ServedVehicles:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def port(self) -> int:
+        """Where the vehicles listen, on the loopback interface unless told otherwise."""
+        return self._socket.port
+
+    @property
+    def sysids(self) -> tuple[int, ...]:
+        """System ids of all vehicles."""
+        return tuple(self._vehicles)
+
+    def truth(self, sysid: int) -> Truth:
+        """Where a vehicle really is and what it does."""
+        with self._lock:
+            return self._vehicles[sysid].truth
+
+    def change(self, sysid: int, what: Callable[[SimAutopilot, int], None]) -> None:
+        """Do something to a vehicle between two moments of its life: `what(autopilot, now_ns)`."""
+        with self._lock:
+            what(self._vehicles[sysid], self._now_ns)
+
+    def wait(self, sysid: int, until: Callable[[Truth], bool], timeout_s: float = 30.0) -> Truth:
+        """Wait for something to become true of a vehicle; raises TimeoutError after `timeout_s` of the wall clock."""
+        deadline_s = time.monotonic() + timeout_s
+        while True:
+            truth = self.truth(sysid)
+            if until(truth):
+                return truth
+            if time.monotonic() > deadline_s:
+                raise TimeoutError(f"vehicle {sysid} did not get there within {timeout_s:g} s: {truth}")
+            time.sleep(_POLL_S)
+
+    def close(self) -> None:
+        """Stop the thread and release the port."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        self._socket.close()
+
+    def _serve(self) -> None:
+        last_s = time.monotonic()
+        while not self._stop.wait(_IDLE_S):
+            now_s = time.monotonic()
+            passed_s, last_s = min((now_s - last_s) * self._speed, _SLICE_S * max(1.0, self._speed)), now_s
+            with self._lock:
+                self._now_ns += int(passed_s * NS_PER_S)
+                self._exchange()
+
+    def _exchange(self) -> None:
+        for data, _ in self._socket.receive():
+            for vehicle in self._vehicles.values():
+                vehicle.receive(data, self._now_ns)
+        for vehicle in self._vehicles.values():
+            vehicle.step(self._now_ns)
+            self._socket.send(vehicle.take())
