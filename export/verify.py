@@ -5,7 +5,7 @@ The network runs in double precision, so that the difference is the file's error
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -76,12 +76,16 @@ class Proof:
         return asdict(self)
 
 
-def verify(path: Path, progress: Callable[[float, str], None] = lambda share, text: None) -> Proof:
+def verify(
+    path: Path,
+    progress: Callable[[float, str], None] = lambda share, text: None,
+    states_of: Callable[[], Iterable[tuple[int, int, float]]] | None = None,
+) -> Proof:
     """Compare the file with the network whose weights lie beside it. A difference is told by the proof.
 
-    Raises ModelError where file or weights cannot be read at all.
+    `states_of` gives robots, candidates and r_comm of each state; by default all of `all_states`. Raises ModelError
+    where file or weights cannot be read at all.
     """
-    torch.set_num_threads(1)  # tiny matrices: more threads only wait for each other
     policy = Policy(path)
     network = _network(path, policy)
     states = decisions = 0
@@ -89,7 +93,7 @@ def verify(path: Path, progress: Callable[[float, str], None] = lambda share, te
     error = ""
     try:
         _check_graph(path, policy)
-        every = list(_sizes())
+        every = list((states_of or all_states)())
         for index, (robots, candidates, r_comm) in enumerate(every):
             view = random_view(robots, candidates, index, r_comm)
             worst = max(worst, _compare(policy, network, view))
@@ -97,12 +101,10 @@ def verify(path: Path, progress: Callable[[float, str], None] = lambda share, te
             progress((index + 1) / len(every), f"{states} states, largest difference {worst:.1e}")
     except ProofError as found:
         error = f"{type(found).__name__}: {found}"
-    return Proof(
-        path.name, not error, states, decisions, worst, TOLERANCE, (1, MAX_ROBOTS), (0, max(CANDIDATES)), error
-    )
+    return Proof(path.name, not error, states, decisions, worst, TOLERANCE, (1, MAX_ROBOTS), (0, MAX_CANDIDATES), error)
 
 
-def _sizes() -> Iterator[tuple[int, int, float]]:
+def all_states() -> Iterator[tuple[int, int, float]]:
     """Every number of robots with several of candidates, and the reverse, isolated to connected."""
     for robots in range(1, MAX_ROBOTS + 1):
         for index, candidates in enumerate(CANDIDATES):

@@ -11,6 +11,7 @@ from gatar_edge.sim_sitl.autopilot_config import AutopilotConfig, Truth
 from gatar_edge.sim_sitl.core import Core
 from gatar_edge.sim_sitl.failsafe import GroundStationWatch
 from gatar_edge.sim_sitl.mission_items import Item
+from gatar_edge.sim_sitl.modes import Mode
 from gatar_edge.sim_sitl.orders import Order, Result, acknowledge, order_from
 from gatar_edge.sim_sitl.px4 import Px4
 from gatar_edge.sim_sitl.stack import Stack
@@ -57,7 +58,17 @@ class SimAutopilot:
     @property
     def place_m(self) -> tuple[float, float]:
         """Metres east and north of home: what `truth` holds of it, at less cost."""
-        return self._core.body.east_m, self._core.body.north_m
+        body = self._core.body
+        return self._core.gps.really(body.east_m, body.north_m)
+
+    @property
+    def modes(self) -> tuple[Mode, ...]:
+        """All modes of its dialect."""
+        return tuple(self._stack.modes.values())
+
+    def suffer(self, what: Callable[[Core], None]) -> None:
+        """Something happens to it that no message asked for."""
+        what(self._core)
 
     @property
     def mission(self) -> tuple[Item, ...]:
@@ -85,7 +96,7 @@ class SimAutopilot:
             self._moved_ns += dt_ns
             core.move(self._moved_ns, dt_ns / NS_PER_S)
         core.now_ns = max(core.now_ns, now_ns)
-        if not core.ready:
+        if not core.ready and not core.gps.lost:
             self._wake()
         core.server.step(now_ns)
         self._watch.step()

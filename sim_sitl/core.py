@@ -15,6 +15,7 @@ from gatar_edge.sim_sitl.mission_items import Item
 from gatar_edge.sim_sitl.mission_server import MissionServer, Rules
 from gatar_edge.sim_sitl.modes import Does, Mode
 from gatar_edge.sim_sitl.parameters import Defaults, ParameterStore
+from gatar_edge.sim_sitl.positioning import WORKING
 from gatar_edge.sim_sitl.vehicle import Blocked, Body, Goal, Limits, Target, Velocity, step_copter, step_rover
 from gatar_edge.sim_sitl.wire import Send
 from gatar_edge.types import NS_PER_S
@@ -113,6 +114,7 @@ class Core:
         )  # fmt: skip
         self.cruise = self.limits
         self.body = Body(heading_rad=math.radians(config.heading_deg), charge=config.battery_percent / 100)
+        self.gps = WORKING
         self.params = ParameterStore(stack.parameters, stack.bytewise_parameters)
         self.home = Goal(0.0, 0.0, 0.0)
         self.home_set = self.ready = False
@@ -155,9 +157,10 @@ class Core:
     def truth(self) -> Truth:
         """The state of the vehicle in the simulated world."""
         body = self.body
-        lat, lon = self.frame.geodetic(body.east_m, body.north_m)
+        east_m, north_m = self.gps.really(body.east_m, body.north_m)
+        lat, lon = self.frame.geodetic(east_m, north_m)
         return Truth(
-            lat, lon, body.up_m - self.home.up_m, body.east_m, body.north_m, body.speed_m_s,
+            lat, lon, body.up_m - self.home.up_m, east_m, north_m, body.speed_m_s,
             math.degrees(body.heading_rad) % 360.0, self.is_armed, self.mode.name, self.landed,
             body.charge * 100, self.runner.index, self.runner.state,
         )  # fmt: skip
@@ -237,6 +240,16 @@ class Core:
         """Move home: all relative altitudes move with it, the origin of the local frame does not."""
         self.home, self.home_set = goal, True
 
+    def discharge(self, charge: float) -> None:
+        """The battery drops to `charge` (0 to 1); one that is lower already stays so."""
+        self.body = replace(self.body, charge=min(self.body.charge, charge))
+
+    def mislead(self, east_m: float, north_m: float) -> None:
+        """From now on the vehicle believes to be so much further east and north than before."""
+        gps, body = self.gps, self.body
+        self.gps = replace(gps, east_m=gps.east_m + east_m, north_m=gps.north_m + north_m)
+        self.body = replace(body, east_m=body.east_m + east_m, north_m=body.north_m + north_m)
+
     # Motion
 
     def move(self, now_ns: int, dt_s: float) -> None:
@@ -259,7 +272,7 @@ class Core:
 
     def _is_blocked(self, east_m: float, north_m: float) -> bool:
         fence = self.fence_blocks
-        return self.user_blocked(east_m, north_m) or (fence is not None and fence(east_m, north_m))
+        return self.user_blocked(*self.gps.really(east_m, north_m)) or (fence is not None and fence(east_m, north_m))
 
     def _move_copter(self, dt_s: float) -> None:
         if self.landed and not self.lift:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from gatar_edge.sim_sitl.faults import InFlight, Lane, LinkFaults
+from gatar_edge.sim_sitl.faults import LinkFaults
+from gatar_edge.sim_sitl.lanes import InFlight, Lane
 
 _STX_V1, _STX_V2 = 0xFE, 0xFD
 _OVERHEAD_V1, _OVERHEAD_V2, _SIGNATURE = 8, 12, 13
@@ -47,11 +48,16 @@ class FaultyLink:
         }
         self._in_flight: InFlight[End] = InFlight()
 
+    def begin(self, now_ns: int) -> None:
+        """The mission has begun: blackouts count from here."""
+        for lane in self._lanes.values():
+            lane.begin(now_ns)
+
     def send(self, now_ns: int, sender: End, data: bytes) -> None:
         """Send frames from one end."""
         for frame in split_frames(data):
-            for due_ns in self._lanes[sender].arrivals(now_ns):
-                self._in_flight.add(due_ns, sender.other, frame)
+            for due_ns, arriving in self._lanes[sender].carry(now_ns, frame):
+                self._in_flight.add(due_ns, sender.other, arriving)
 
     def deliver(self, now_ns: int) -> list[tuple[End, bytes]]:
         """(receiving end, frame) for all that has arrived by now."""

@@ -24,6 +24,8 @@ from gatar_edge.separation import occupied
 from gatar_edge.sim_sitl.body import Body, StackName
 from gatar_edge.sim_sitl.faults import Faults
 from gatar_edge.sim_sitl.faulty_link import End, FaultyLink
+from gatar_edge.sim_sitl.incident_types import ClockSkew, KillCompanion
+from gatar_edge.sim_sitl.incidents import Script, Turn, happen
 from gatar_edge.sim_sitl.radio import Radio
 from gatar_edge.sim_sitl.tally import Result, Tally
 from gatar_edge.sim_sitl.world import World, observe
@@ -94,8 +96,10 @@ class Robot:
             0,
         )
         self.alive = True
+        self.thinks = True  # its companion computer runs
+        self.skew_ns = 0  # of the companion's clock
         seed = config.world.seed * 64 + index
-        self._wire = FaultyLink(config.faults.to_vehicle, config.faults.to_companion, seed=seed)
+        self.wire = FaultyLink(*config.faults.link_of(self.robot_id), seed=seed)
 
     def advance(self, now_ns: int, gateway: Gateway | None) -> None:
         """Physics up to now, then let companion and autopilot talk until they have nothing more to say."""
@@ -104,14 +108,23 @@ class Robot:
             said = self.body.autopilot.take()
             if gateway is not None and said:
                 gateway.send(said)
-            self._wire.send(now_ns, End.VEHICLE, said)
-            self._wire.send(now_ns, End.COMPANION, self.driver.poll(now_ns))
-            arrived = self._wire.deliver(now_ns)
+            self.wire.send(now_ns, End.VEHICLE, said)
+            if self.thinks:
+                self.wire.send(now_ns, End.COMPANION, self.driver.poll(now_ns))
+            arrived = self.wire.deliver(now_ns)
             for end, data in arrived:
                 receiver = self.driver if end is End.COMPANION else self.body.autopilot
                 receiver.receive(data, now_ns)
             if not arrived:
                 break
+
+    def suffer(self, turn: Turn, now_ns: int) -> None:
+        """Something happens to this robot that nobody asked for."""
+        if isinstance(turn.incident, KillCompanion):
+            self.thinks = False
+        elif isinstance(turn.incident, ClockSkew):
+            self.skew_ns = 0 if turn.over else int(turn.incident.offset_s * NS_PER_S)
+        happen(turn, self.body.autopilot, now_ns)
 
 
 class Fleet:
@@ -128,10 +141,13 @@ class Fleet:
         self.log = log
         self.gateway = gateway
         self.robots = [Robot(index, config, allocator()) for index in range(len(config.world.team.kinds))]
-        self.radio = Radio(config.agent.r_comm, config.faults.radio, config.world.seed)
+        self.radio = Radio(config.agent.r_comm, config.faults.radio, config.world.seed, config.faults.between)
         self.tally = Tally(config.world, self.robots[0].agent.allocator.name)
         self.began_ns: int | None = None  # when the launch was over
         self._by_id = {robot.robot_id: robot for robot in self.robots}
+        config.faults.check(self._by_id)
+        vehicles = {robot.robot_id: robot.body.autopilot for robot in self.robots}
+        self._script = Script(config.faults.incidents, vehicles)
         self.now_ns = 0
         self._next_tick_ns = 0
         self._launch_m: dict[int, float] = {}
@@ -157,12 +173,9 @@ class Fleet:
                 robot.advance(now_ns, self.gateway)
                 self._record_wire(robot, now_ns)
         if self.began_ns is None and self._launched(now_ns):
-            self.began_ns = self._next_tick_ns = now_ns
-            if self.log is not None:
-                self.log.truth_map(self.config.world.obstacles, self.config.world.targets, now_ns)
-            self._launch_m = {robot.robot_id: robot.body.travelled_m for robot in self.robots}
+            self._begin(now_ns)
         if self.began_ns is not None:
-            self._die()
+            self._happen(now_ns - self.began_ns)
             self._deliver(now_ns)
             if now_ns >= self._next_tick_ns:
                 self._next_tick_ns += int(self.config.tick_s * NS_PER_S)
@@ -182,16 +195,32 @@ class Fleet:
         ready = all(robot.driver.state(now_ns).ready for robot in self.robots)
         return ready or now_ns >= self.config.launch_timeout_s * NS_PER_S
 
-    def _die(self) -> None:
-        assert self.began_ns is not None
+    def _begin(self, now_ns: int) -> None:
+        self.began_ns = self._next_tick_ns = now_ns
+        if self.log is not None:
+            self.log.truth_map(self.config.world.obstacles, self.config.world.targets, now_ns)
+        self._launch_m = {robot.robot_id: robot.body.travelled_m for robot in self.robots}
+        self.radio.begin(now_ns)
         for robot in self.robots:
-            if robot.alive and self.config.faults.killed(robot.robot_id, self.now_ns - self.began_ns):
-                robot.alive = False
-                if self.log is not None:
-                    self.log.text(Level.WARNING, robot.robot_id, "killed by the scenario", self.now_ns)
+            robot.wire.begin(now_ns)
+
+    def _happen(self, elapsed_ns: int) -> None:
+        """What the scenario has in store."""
+        for turn in self._script.due(elapsed_ns):
+            robot = self._by_id[turn.incident.robot]
+            self._warn(robot, turn.text)
+            robot.suffer(turn, self.now_ns)
+        for robot in self.robots:
+            if robot.alive and self.config.faults.killed(robot.robot_id, elapsed_ns):
+                robot.alive = robot.thinks = False
+                self._warn(robot, "killed by the scenario")
+
+    def _warn(self, robot: Robot, text: str) -> None:
+        if self.log is not None:
+            self.log.text(Level.WARNING, robot.robot_id, text, self.now_ns)
 
     def _positions(self) -> dict[int, Cell]:
-        return {robot.robot_id: robot.body.cell for robot in self.robots if robot.alive}
+        return {robot.robot_id: robot.body.cell for robot in self.robots if robot.thinks}
 
     def _deliver(self, now_ns: int) -> None:
         """Everything that is due on the air, relays at once."""
@@ -199,9 +228,9 @@ class Fleet:
         while deliveries := self.radio.deliver(now_ns):
             for receiver, datagram in deliveries:
                 robot = self._by_id[receiver]
-                if not robot.alive:
+                if not robot.thinks:
                     continue
-                heard = robot.agent.hear(datagram, now_ns)
+                heard = robot.agent.hear(datagram, now_ns + robot.skew_ns)
                 if self.log is not None:
                     self.log.heard(receiver, datagram, heard.outcome.value, now_ns)
                 if heard.relay is not None:
@@ -218,14 +247,15 @@ class Fleet:
         positions = self._positions()
         decisions = []
         for robot in self.robots:
-            if not robot.alive:
+            if not robot.thinks:
                 continue
             cell = robot.body.cell
             if self.tally.visit(cell, self.step) and self.log is not None:
                 self.log.truth_visit(robot.robot_id, cell, self.step, now_ns)
-            seen = observe(self.config.world, robot.robot_id, cell, self.config.agent.r_sense, now_ns)
+            its_ns = now_ns + robot.skew_ns
+            seen = observe(self.config.world, robot.robot_id, cell, self.config.agent.r_sense, its_ns)
             start_ns = time.perf_counter_ns()
-            out = robot.agent.tick(now_ns, Inbox(seen))
+            out = robot.agent.tick(its_ns, Inbox(seen))
             latency_ns = time.perf_counter_ns() - start_ns
             heard = robot.agent.neighbors.fresh(now_ns, cell)
             robot.driver.neighbors(occupied(robot.robot_id, robot.kind, heard, self.config.agent.grid))

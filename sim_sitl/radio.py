@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping
 
 from gatar_edge.errors import ConfigError
-from gatar_edge.sim_sitl.faults import InFlight, Lane, LinkFaults
+from gatar_edge.sim_sitl.faults import LinkFaults
+from gatar_edge.sim_sitl.lanes import InFlight, Lane
 
 Position = tuple[float, float]
 
@@ -14,15 +15,30 @@ Position = tuple[float, float]
 class Radio:
     """Broadcasts datagrams to all robots within `range_cells` of the sender at the time of sending."""
 
-    def __init__(self, range_cells: float, faults: LinkFaults | None = None, seed: int = 0) -> None:
+    def __init__(
+        self,
+        range_cells: float,
+        faults: LinkFaults | None = None,
+        seed: int = 0,
+        between: Mapping[tuple[int, int], LinkFaults] | None = None,
+    ) -> None:
+        """`between`: exceptions from `faults` by (sender, receiver)."""
         if not range_cells >= 0:
             raise ConfigError(f"radio range is {range_cells} cells, must be 0 or more")
         self._range_cells = range_cells
         self._faults = faults or LinkFaults()
+        self._between = between or {}
         self._seed = seed
+        self._began_ns: int | None = None
         self._lanes: dict[tuple[int, int], Lane] = {}
         self._in_flight: InFlight[int] = InFlight()
         self.sent = self.delivered = self.sent_bytes = 0
+
+    def begin(self, now_ns: int) -> None:
+        """The mission has begun: blackouts count from here."""
+        self._began_ns = now_ns
+        for lane in self._lanes.values():
+            lane.begin(now_ns)
 
     def send(self, now_ns: int, sender: int, datagram: bytes, positions: Mapping[int, Position]) -> None:
         """Broadcast: `positions` holds the cells of all robots that exist now, the sender among them."""
@@ -33,8 +49,8 @@ class Radio:
             there = positions[receiver]
             if receiver == sender or math.hypot(there[0] - x, there[1] - y) > self._range_cells:
                 continue
-            for due_ns in self._lane(sender, receiver).arrivals(now_ns):
-                self._in_flight.add(due_ns, receiver, datagram)
+            for due_ns, arriving in self._lane(sender, receiver).carry(now_ns, datagram):
+                self._in_flight.add(due_ns, receiver, arriving)
 
     def deliver(self, now_ns: int) -> list[tuple[int, bytes]]:
         """(receiver, datagram) for all that has arrived by now."""
@@ -45,5 +61,7 @@ class Radio:
     def _lane(self, sender: int, receiver: int) -> Lane:
         lane = self._lanes.get((sender, receiver))
         if lane is None:
-            lane = self._lanes[sender, receiver] = Lane(self._faults, f"radio/{self._seed}/{sender}/{receiver}")
+            faults = self._between.get((sender, receiver), self._faults)
+            lane = Lane(faults, f"radio/{self._seed}/{sender}/{receiver}", self._began_ns)
+            self._lanes[sender, receiver] = lane
         return lane

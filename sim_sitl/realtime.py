@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from gatar_edge.errors import LinkError
 
@@ -50,7 +50,11 @@ class UdpSocket:
 
     def send(self, data: bytes) -> None:
         """Tell every client; one that is gone costs nothing."""
-        for datagram in datagrams_of(data) if self._clients else ():
+        self.send_datagrams(datagrams_of(data) if self._clients else ())
+
+    def send_datagrams(self, datagrams: Iterable[bytes]) -> None:
+        """Tell every client, in pieces of the caller's, which may be damaged frames."""
+        for datagram in datagrams:
             for client in self._clients:
                 self._send(datagram, client)
 

@@ -24,7 +24,7 @@ _NEEDS_POSITION = 0x20 | 0x200000 | 0x10000000  # GPS, AHRS, and so the pre-arm 
 
 
 def _position_e7(core: Core) -> tuple[int, int]:
-    lat, lon = core.frame.geodetic(core.body.east_m, core.body.north_m)
+    lat, lon = core.frame.geodetic(*core.gps.told(core.body))
     return round(lat * 1e7), round(lon * 1e7)
 
 
@@ -32,8 +32,10 @@ def _heading_cdeg(core: Core) -> int:
     return round(math.degrees(core.body.heading_rad) * 100) % 36000
 
 
-def global_position_int(core: Core) -> Fields:
+def global_position_int(core: Core) -> Fields | None:
     """Position as the EKF has it; before home is set the relative altitude is the one above the sea."""
+    if core.gps.lost:
+        return None
     body = core.body
     lat, lon = _position_e7(core)
     alt = core.amsl_of(body.up_m)
@@ -45,11 +47,14 @@ def global_position_int(core: Core) -> Fields:
     }  # fmt: skip
 
 
-def local_position_ned(core: Core) -> Fields:
+def local_position_ned(core: Core) -> Fields | None:
     """Relative to the origin, not to home; z down."""
+    if core.gps.lost:
+        return None
     body = core.body
+    east_m, north_m = core.gps.told(body)
     return {
-        "time_boot_ms": core.uptime_ms, "x": body.north_m, "y": body.east_m, "z": -body.up_m,
+        "time_boot_ms": core.uptime_ms, "x": north_m, "y": east_m, "z": -body.up_m,
         "vx": body.north_m_s, "vy": body.east_m_s, "vz": -body.up_m_s,
     }  # fmt: skip
 
@@ -76,10 +81,11 @@ def vfr_hud(core: Core) -> Fields:
 def gps_raw_int(core: Core) -> Fields:
     """A three-dimensional fix as soon as home can be set."""
     lat, lon = _position_e7(core)
+    fix = core.home_set and not core.gps.lost
     return {
-        "time_usec": core.uptime_ms * 1000, "fix_type": 6 if core.home_set else 1, "lat": lat, "lon": lon,
+        "time_usec": core.uptime_ms * 1000, "fix_type": 6 if fix else 1, "lat": lat, "lon": lon,
         "alt": round(core.amsl_of(core.body.up_m) * 1000), "eph": 121, "epv": 200,
-        "vel": round(core.body.speed_m_s * 100), "cog": _heading_cdeg(core), "satellites_visible": 10,
+        "vel": round(core.body.speed_m_s * 100), "cog": _heading_cdeg(core), "satellites_visible": 10 if fix else 0,
     }  # fmt: skip
 
 

@@ -47,7 +47,7 @@ class Yard:
         self.tally = Tally(config.world, "daemons")
         self.began_ns: int | None = None  # when the first vehicle moved off
         self._sockets = sockets
-        self._radio = Radio(config.agent.r_comm, config.faults.radio, config.world.seed)
+        self._radio = Radio(config.agent.r_comm, config.faults.radio, config.world.seed, config.faults.between)
         self._by_ear = {address: robot_id for robot_id, address in sockets.ears.items()}
         self._now_ns = 0
         self._next_look_ns = 0

@@ -31,6 +31,7 @@ STACKS = ("ardupilot", "px4", "mixed")
 @click.option("--stack", type=click.Choice(STACKS), default="ardupilot", show_default=True, help="Autopilot family.")
 @click.option("--loss", type=click.FloatRange(0, 0.95), default=0.0, help="Share of lost messages between robots.")
 @click.option("--telemetry-loss", type=click.FloatRange(0, 0.9), default=0.0, help="The same, robot to autopilot.")
+@click.option("--faults", "faults_file", type=click.Path(path_type=Path, dir_okay=False), help="TOML: what goes wrong.")
 @click.option("--max-steps", type=click.IntRange(1, 100_000), default=500, show_default=True, help="Give up after.")
 @click.option(
     "--log", "log_path", type=click.Path(path_type=Path, dir_okay=False), help="Write an MCAP of the mission."
@@ -59,6 +60,7 @@ def command(as_json: bool, log_path: Path | None, out: Path | None, **options: A
     Example:
       gatar sim --team 3A3G --targets 24 --size 15 --seed 1 --allocator gatar --log mission.mcap
       gatar sim --seed 1 --allocator greedy --json
+      gatar sim --stack mixed --allocator greedy --faults examples/faults.toml
       gatar sim --realtime --listen udp:127.0.0.1:14550        # watch it from a ground station
       gatar sim --realtime --daemons runs/team                 # then: gatar vehicle --config runs/team/robot1.toml ...
     """
@@ -100,15 +102,23 @@ def fleet_config(
     stack: str = "ardupilot",
     loss: float = 0.0,
     telemetry_loss: float = 0.0,
+    faults_file: Path | None = None,
     max_steps: int = 500,
 ) -> FleetConfig:
     """The mission that the options describe. Raises ConfigError and WorldError."""
     from gatar_edge.config import AgentConfig
     from gatar_edge.sim_sitl.faults import Faults, LinkFaults
+    from gatar_edge.sim_sitl.faults_file import load_faults
     from gatar_edge.sim_sitl.fleet import FleetConfig
     from gatar_edge.sim_sitl.world import Team, random_world
     from gatar_edge.types import GridSpec
 
+    if faults_file is not None:
+        if loss or telemetry_loss:
+            raise ConfigError("--faults excludes --loss and --telemetry-loss: the file says it all")
+        faults = load_faults(faults_file)
+    else:
+        faults = Faults(LinkFaults(loss=loss), LinkFaults(loss=telemetry_loss), LinkFaults(loss=telemetry_loss))
     world = random_world(Team.parse(team), targets, size, size, seed)
     grid = GridSpec(width=size, height=size)
     families: dict[str, tuple[Any, Any]] = {"mixed": ("ardupilot", "px4")}
@@ -117,7 +127,7 @@ def fleet_config(
         world=world,
         agent=AgentConfig(grid=grid, r_sense=r_sense, r_comm=r_comm),
         stacks=tuple(pair[index % 2] for index in range(len(world.team.kinds))),
-        faults=Faults(LinkFaults(loss=loss), LinkFaults(loss=telemetry_loss), LinkFaults(loss=telemetry_loss)),
+        faults=faults,
         max_steps=max_steps,
     )
 

@@ -24,7 +24,11 @@ def command(model: Path, as_json: bool) -> None:
       gatar verify models/gatar-greedy.onnx
     """
     need("gatar verify", "torch", "safetensors", "onnx", extra="export")
+    import torch
+
     from gatar_edge.export.verify import verify
+
+    torch.set_num_threads(1)  # tiny matrices: more threads only wait for each other
 
     with bar("verify", "") as show:
         proof = verify(model, show)

@@ -22,6 +22,8 @@ _REASONS = {
     "no_perception": "Its own perception is missing or too old, so it stays where it is.",
 }
 
+_STANDING = frozenset(("no_perception", "no_vehicle"))
+
 
 def explain(decision: Json, previous: Json | None, record: Json | None = None) -> Json:
     """Everything about one decision: what it knew, whom it heard, the candidates, and why this one. See `words`."""
@@ -47,6 +49,8 @@ def explain(decision: Json, previous: Json | None, record: Json | None = None) -
 def words(explanation: Json) -> list[str]:
     """The explanation as lines of text."""
     lines = [explanation["headline"], *(f"  {line}" for line in explanation["why"])]
+    if explanation["assignment"]["reason"] in _STANDING:  # decided without a look at anybody
+        return lines
     neighbors = explanation["neighbors"]
     lines.append(f"It heard {_count(len(neighbors), 'robot')}:" if neighbors else "It heard nobody.")
     lines.extend(f"  {neighbor_line(neighbor)}" for neighbor in neighbors)

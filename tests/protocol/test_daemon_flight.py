@@ -27,6 +27,7 @@ def test_sigterm_stands_the_vehicle_still_within_three_seconds(team: str) -> Non
         if flight.daemon.stop(flight.now_ns):
             break
     assert flight.daemon.stop(flight.now_ns)
+    assert flight.body.autopilot.truth.speed_m_s < 0.5
     place = flight.body.xy
     flight.fly(5, step=False)
     settled = flight.body.xy

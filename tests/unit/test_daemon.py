@@ -166,6 +166,9 @@ def test_what_queued_up_while_the_process_was_stopped_is_not_taken_for_fresh() -
     assert rig.vehicle.commands[-1] == Hold("no_perception")
     assert rig.daemon.counters.stalls == 1
     assert rig.daemon.counters.ticks_skipped == 50
+    ticks = rig.daemon.counters.ticks
+    rig.run(0.2, step_ns=NS_PER_S // 1000, seeing=False)
+    assert rig.daemon.counters.ticks == ticks + 1  # missed ones are not made up for
     rig.run(0.2)
     assert rig.vehicle.commands[-1] == Goto((5, 5))
 

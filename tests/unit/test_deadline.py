@@ -47,6 +47,7 @@ def test_an_answer_in_time_is_passed_on(model: Model) -> None:
     punctual = Punctual(model, 60, ThreadRunner())
     assert punctual.name == "gatar"
     assert punctual.allocate(VIEW) is ANSWER
+    assert punctual.allocate(VIEW) is ANSWER
 
 
 def test_a_stuck_model_is_late_once_and_then_busy_without_any_wait(model: Model) -> None:
