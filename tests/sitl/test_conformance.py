@@ -125,17 +125,21 @@ def test_a_vehicle_that_has_arrived_takes_its_next_task(bench: Bench) -> None:
 
 def test_a_hold_stops_the_vehicle_on_its_way(bench: Bench) -> None:
     driver = launched(bench)
-    far = way(bench, (7, 12))
-    for _ in range(60):
-        driver.command(far, bench.now_ns)
-        bench.step()
+    far = (7, 14)
+
+    def under_way() -> bool:
+        driver.command(way(bench, far), bench.now_ns)
+        cell = driver.state(bench.now_ns).cell
+        return cell is not None and cell[1] > 7
+
+    assert bench.run(under_way, 30), driver.status
 
     def stopped() -> bool:
         driver.command(Hold("enough"), bench.now_ns)
         return driver.status is Status.HOLDING and driver.state(bench.now_ns).speed_m_s < 0.3
 
     assert bench.run(stopped, 20), driver.status
-    assert driver.state(bench.now_ns).cell != (7, 12)
+    assert driver.state(bench.now_ns).cell != far
 
 
 def test_a_real_autopilot_of_another_kind_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
