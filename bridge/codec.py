@@ -22,6 +22,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 MAX_PARSE_BYTES = 65536
 
 _V2_MAGIC = 0xFD
+_V2_HEADER, _V1_HEADER = 10, 6
 _V2_SIGNED = 0x01
 
 
@@ -62,7 +63,8 @@ class Codec:
         if self.signing is not None and not self.signing.accepts(raw, source, frame.get_msgId()):
             return None
         message = read(frame) if read is not None else None
-        return Received(source, frame.get_seq(), frame.get_msgId(), strip_signature(raw), message)
+        signed = raw[0] == _V2_MAGIC and bool(raw[2] & _V2_SIGNED)
+        return Received(source, frame.get_seq(), frame.get_msgId(), strip_signature(raw), message, signed)
 
 
 def _with_flags(frame: bytes, flags: int, crc_extra: int) -> bytes:
@@ -101,6 +103,13 @@ def _text(m: Any) -> wire.StatusText:
     return wire.StatusText(m.severity, m.text if isinstance(m.text, str) else m.text.decode("ascii", "replace"))
 
 
+def _parameter(m: Any) -> wire.ParamValue:
+    raw = bytes(m.get_msgbuf())
+    at = _V2_HEADER if raw[0] == _V2_MAGIC else _V1_HEADER
+    # the bytes, not the float: an integer's bits in it may be those of a signalling NaN, which no float survives
+    return wire.ParamValue(str(m.param_id), (raw[at : at + min(4, raw[1])] + bytes(4))[:4], m.param_type)
+
+
 def _position_target(m: Any) -> wire.PositionTarget:
     return wire.PositionTarget(m.lat_int, m.lon_int, m.alt)
 
@@ -109,15 +118,21 @@ def _position_target(m: Any) -> wire.PositionTarget:
 _READERS: dict[int, Callable[[Any], Message]] = {
     0: lambda m: wire.Heartbeat(m.type, m.autopilot, m.base_mode, m.custom_mode, m.system_status),
     1: lambda m: wire.SysStatus(m.battery_remaining),
+    2: lambda m: wire.SystemTime(m.time_unix_usec),
+    22: _parameter,
+    24: lambda m: wire.GpsRaw(m.fix_type, m.satellites_visible),
     33: lambda m: wire.GlobalPosition(m.lat, m.lon, m.alt, m.relative_alt, m.vx, m.vy, m.hdg),
     40: lambda m: wire.MissionRequest((m.target_system, m.target_component), m.seq, m.mission_type),
     42: lambda m: wire.MissionCurrent(m.seq, m.total, m.mission_state),
     44: lambda m: wire.MissionCount((m.target_system, m.target_component), m.count, m.mission_type),
     47: lambda m: wire.MissionAck((m.target_system, m.target_component), m.type, m.mission_type),
+    49: lambda m: wire.GlobalOrigin(m.latitude, m.longitude, m.altitude),
     51: lambda m: wire.MissionRequest((m.target_system, m.target_component), m.seq, m.mission_type),
     73: _item,
     77: lambda m: wire.CommandAck(m.command, m.result, (m.target_system, m.target_component)),
     87: _position_target,
+    111: lambda m: wire.TimeSync(m.tc1, m.ts1),
+    148: lambda m: wire.AutopilotVersion(m.capabilities, m.flight_sw_version),
     242: lambda m: wire.HomePosition(m.latitude, m.longitude, m.altitude),
     245: lambda m: wire.ExtendedSysState(m.landed_state),
     253: _text,
@@ -138,5 +153,10 @@ _BUILDERS: dict[type, Callable[[Any], Any]] = {
     wire.MissionAck: lambda m: mavlink.MAVLink_mission_ack_message(*m.target, m.result, m.mission_type),
     wire.MissionRequestList: lambda m: mavlink.MAVLink_mission_request_list_message(*m.target, m.mission_type),
     wire.MissionClearAll: lambda m: mavlink.MAVLink_mission_clear_all_message(*m.target, m.mission_type),
+    wire.ParamRead: lambda m: mavlink.MAVLink_param_request_read_message(*m.target, m.name.encode("ascii"), -1),
+    wire.SetGlobalOrigin: lambda m: mavlink.MAVLink_set_gps_global_origin_message(
+        m.sysid, m.lat_e7, m.lon_e7, m.alt_amsl_mm
+    ),
+    wire.TimeSync: lambda m: mavlink.MAVLink_timesync_message(m.tc1, m.ts1),
     wire.MissionSetCurrent: lambda m: mavlink.MAVLink_mission_set_current_message(*m.target, m.seq),
 }

@@ -17,7 +17,7 @@ from gatar_edge.bridge.codec import Codec, strip_signature
 from gatar_edge.bridge.geo import Point, expand, inside_grid, wgs84_to_grid_m
 from gatar_edge.bridge.launch import Phase
 from gatar_edge.bridge.profiles import Unsupported, choose
-from gatar_edge.bridge.safety import Known, Refusal, gate
+from gatar_edge.bridge.safety import Known, Neighbor, Refusal, gate
 from gatar_edge.bridge.settings import DriverConfig
 from gatar_edge.bridge.signing import TICK_NS, Signing
 from gatar_edge.bridge.status import DriverEvent, EventKind, Status
@@ -47,6 +47,7 @@ class VehicleDriver:
         # signing timestamps go on from where the caller began, at the pace of the injected clock
         self._signing_base = signing.timestamp - now_ns // TICK_NS if signing is not None else 0
         self._limits = config.limits()
+        self._neighbors: tuple[Neighbor, ...] = ()
         self._vehicle: Vehicle | None = None
         self._unsupported: str | None = None
         self._launch = config.auto_launch
@@ -109,9 +110,24 @@ class VehicleDriver:
             self._watch_connection(self._vehicle.connected(now_ns), now_ns)
         return b"".join([self._encode(message, now_ns) for message in out])
 
+    def neighbors(self, positions: tuple[Neighbor, ...]) -> None:
+        """Where other robots are, or go to with the right of way: commands keep `min_separation_m` from them."""
+        self._neighbors = positions
+
     def launch(self) -> None:
         """Arm and take off when possible, where `auto_launch` is off."""
         self._launch = True
+
+    def return_home(self, now_ns: int) -> bool:
+        """Let the vehicle return by its own mode; true once its heartbeat shows that, or it does not obey us anyway."""
+        vehicle = self._vehicle
+        if vehicle is None or vehicle.returning or not vehicle.ready(now_ns):
+            return True
+        home = Hold("returning to launch")
+        if self._pursued != home and vehicle.return_home(now_ns):
+            self._pursued, self._applied = home, True
+            self._tell(now_ns, EventKind.COMMAND, home.reason)
+        return False
 
     def enable(self, now_ns: int) -> None:
         """Command again after a pilot had control."""
@@ -216,10 +232,12 @@ class VehicleDriver:
             pilot=vehicle is not None and vehicle.launch.phase is Phase.PILOT,
             ready=vehicle is not None and vehicle.ready(now_ns),
             home=vehicle is not None and vehicle.seen.home is not None,
+            origin=vehicle is not None and vehicle.seen.origin is not None,
             position_m=self._position_m(),
             position_ns=vehicle.seen.position_ns if vehicle is not None else -1,
             pursued=self._pursued,
             retasked_ns=self._retasked_ns,
+            neighbors=self._neighbors,
         )
 
     def _unchanged(self, passed: VehicleCommand, now_ns: int) -> bool:

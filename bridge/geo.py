@@ -125,25 +125,8 @@ def wgs84_to_cell(grid: GridSpec, lat_deg: float, lon_deg: float) -> Cell | None
     return cell if inside_grid(grid, cell) else None
 
 
-def simplify(path: tuple[Cell, ...]) -> tuple[Cell, ...]:
-    """The corners of a 4-connected path and its end, without its start: what a ground robot must drive through.
-
-    Legs between consecutive corners run along one axis through exactly the path's cells, so the simplified path cuts
-    no obstacle's corner. A path of one cell gives that cell; an empty path gives none.
-    """
-    if len(path) < 2:
-        return path
-    corners = [
-        path[i]
-        for i in range(1, len(path) - 1)
-        if (path[i][0] - path[i - 1][0], path[i][1] - path[i - 1][1])
-        != (path[i + 1][0] - path[i][0], path[i + 1][1] - path[i][1])
-    ]
-    return (*corners, path[-1])
-
-
 def expand(start: Cell, corners: tuple[Cell, ...]) -> tuple[Cell, ...] | None:
-    """The cells from `start` through all corners, both ends included: the inverse of `simplify`.
+    """The cells from `start` through all corners, both ends included: undoes `grid.simplify`.
 
     None where a leg does not run along one axis, so that its cells are not defined.
     """

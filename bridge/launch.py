@@ -29,7 +29,7 @@ class Phase(Enum):
 
     SEARCHING = "searching"  # no heartbeat of an autopilot yet
     UNSUPPORTED = "unsupported"  # there is no profile for it
-    WAITING = "waiting"  # for its position and home
+    WAITING = "waiting"  # for its position, home and origin
     MODE = "mode"
     ARMING = "arming"
     TAKEOFF = "takeoff"
@@ -43,7 +43,7 @@ class Event(Enum):
 
     FOUND = "an autopilot with a profile"
     REFUSED = "an autopilot without one"
-    LOCATED = "position and home are known"
+    LOCATED = "position, home and origin are known"
     ARMABLE = "in a mode in which it can be armed"
     ARMED = "armed"
     DISARMED = "disarmed"
@@ -103,7 +103,7 @@ class Launch:
         return seen.landed_state != LANDED_ON_GROUND and seen.alt_rel_m >= AIRBORNE_M
 
     def _wait(self, seen: Telemetry, now_ns: int) -> None:
-        if seen.home is not None and seen.position is not None:
+        if not seen.unknown and seen.position is not None:
             self.fire(Event.LOCATED, now_ns)
 
     def _set_mode(self, seen: Telemetry, now_ns: int) -> None:

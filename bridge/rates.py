@@ -6,6 +6,8 @@ messages that arrive do. So nothing here waits for one.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from gatar_edge.bridge.wire import Address, Command, CommandLong, Message, MessageId
 from gatar_edge.types import NS_PER_S
 
@@ -18,17 +20,17 @@ WANTED_HZ: dict[int, float] = {
 }
 WINDOW_NS = 10 * NS_PER_S
 ENOUGH = 0.8  # of the wanted rate
-HOME_RETRY_NS = NS_PER_S
+ONCE_RETRY_NS = NS_PER_S
 
 
 class RateWatch:
-    """Keeps one autopilot telling what is needed, and asks for its home until it is known."""
+    """Keeps one autopilot telling what is needed, and asks for its home and origin until they are known."""
 
     def __init__(self, vehicle: Address, now_ns: int) -> None:
         self._vehicle = vehicle
         self._counts = dict.fromkeys(WANTED_HZ, 0)
         self._window_ns = now_ns
-        self._home_asked_ns = now_ns - HOME_RETRY_NS
+        self._once_asked_ns = now_ns - ONCE_RETRY_NS
         self._short: list[int] = list(WANTED_HZ)
 
     def count(self, message_id: int) -> None:
@@ -36,8 +38,8 @@ class RateWatch:
         if message_id in self._counts:
             self._counts[message_id] += 1
 
-    def poll(self, home_known: bool, now_ns: int) -> tuple[list[Message], list[int]]:
-        """Messages to send now, and the ids whose rate had fallen short."""
+    def poll(self, unknown: Sequence[int], now_ns: int) -> tuple[list[Message], list[int]]:
+        """Messages to send now, and the ids whose rate had fallen short; `unknown` ids are needed once."""
         short: list[int] = []
         if now_ns - self._window_ns >= WINDOW_NS:
             window_s = (now_ns - self._window_ns) / NS_PER_S
@@ -47,9 +49,9 @@ class RateWatch:
             self._window_ns = now_ns
         out: list[Message] = [self._long(Command.SET_MESSAGE_INTERVAL, i, 1e6 / WANTED_HZ[i]) for i in self._short]
         self._short = []
-        if not home_known and now_ns - self._home_asked_ns >= HOME_RETRY_NS:
-            self._home_asked_ns = now_ns
-            out.append(self._long(Command.REQUEST_MESSAGE, MessageId.HOME_POSITION, 0.0))
+        if unknown and now_ns - self._once_asked_ns >= ONCE_RETRY_NS:
+            self._once_asked_ns = now_ns
+            out += [self._long(Command.REQUEST_MESSAGE, i, 0.0) for i in unknown]
         return out, short
 
     def _long(self, command: int, p1: float, p2: float) -> CommandLong:

@@ -24,6 +24,7 @@ class Refusal(StrEnum):
     PILOT = "refused: the pilot has control"
     NOT_READY = "refused: the vehicle is not ready"
     NO_HOME = "refused: home is not known"
+    NO_ORIGIN = "refused: the estimator's origin is not known"
     NO_POSITION = "refused: the position is not known"
     STALE_POSITION = "refused: the position is too old"
     NOT_FINITE = "refused: not a finite number"
@@ -31,6 +32,10 @@ class Refusal(StrEnum):
     OUTSIDE_GRID = "refused: outside the grid"
     OUTSIDE_FENCE = "refused: outside the fence"
     ALTITUDE = "refused: outside the altitude band"
+    SEPARATION = "refused: another robot is there, or goes there"
+
+
+Neighbor = tuple[Point, float]  # metres along the grid's axes, and metres above home
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +48,8 @@ class Limits:
     altitude_band_m: tuple[float, float]
     position_max_age_ns: int
     retask_min_interval_ns: int
+    min_separation_m: float = 0.0  # between where this vehicle goes and any neighbour of its layer; 0: not asked
+    layer_m: float = 1.0  # neighbours that are this much higher or lower fly in another layer
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +60,12 @@ class Known:
     pilot: bool  # somebody else chose the mode, and we were not told to go on
     ready: bool  # connected, armed, airborne if it flies, in a mode that obeys us
     home: bool
+    origin: bool  # of the estimator: without one there is no position to go by
     position_m: Point | None  # in metres along the grid's axes
     position_ns: int
     pursued: VehicleCommand  # what was returned last
     retasked_ns: int  # when that was another command than before; negative: never
+    neighbors: tuple[Neighbor, ...] = ()  # where other robots stand, or go to, and have the right of way
 
 
 def gate(wanted: VehicleCommand, known: Known, limits: Limits) -> VehicleCommand:
@@ -82,6 +91,7 @@ def _vehicle_refusal(known: Known, limits: Limits) -> Refusal | None:
         (known.pilot, Refusal.PILOT),
         (not known.ready, Refusal.NOT_READY),
         (not known.home, Refusal.NO_HOME),
+        (not known.origin, Refusal.NO_ORIGIN),
         (known.position_m is None, Refusal.NO_POSITION),
         (known.now_ns - known.position_ns > limits.position_max_age_ns, Refusal.STALE_POSITION),
         (not low_m <= limits.altitude_m <= high_m, Refusal.ALTITUDE),  # NaN is outside every band
@@ -99,11 +109,21 @@ def _cells_refusal(wanted: Goto | Mission, known: Known, limits: Limits) -> Refu
         return Refusal.OUTSIDE_GRID
     if not _path_inside(tuple((x, y) for x, y in cells), limits.grid, limits.fence_m):
         return Refusal.OUTSIDE_FENCE
+    if not _separate(cells[-1], known.neighbors, limits):
+        return Refusal.SEPARATION
     # a vehicle that strayed outside may come back; one inside may not cross the outside on its way
     start, goal, fence_m = known.position_m, cell_centre_m(limits.grid, cells[0]), limits.fence_m
     if start is None or not point_inside(fence_m, start) or segment_inside(fence_m, start, goal):
         return None
     return Refusal.OUTSIDE_FENCE
+
+
+def _separate(goal: Cell, neighbors: tuple[Neighbor, ...], limits: Limits) -> bool:
+    at_m = cell_centre_m(limits.grid, goal)
+    return not any(
+        abs(altitude_m - limits.altitude_m) < limits.layer_m and math.dist(at_m, point_m) < limits.min_separation_m
+        for point_m, altitude_m in neighbors
+    )
 
 
 @lru_cache(maxsize=1024)  # the same command comes at every tick

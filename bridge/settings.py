@@ -26,6 +26,7 @@ class DriverConfig:
     fence_deg: tuple[Point, ...] | None = None  # (lat, lon) corners; None: the grid's rectangle
     position_max_age_s: float = 1.0
     retask_min_interval_s: float = 1.0
+    min_separation_m: float = 0.0  # from neighbours in its layer, where the caller tells of them; 0: not asked
     failed_retry_s: float = 10.0  # an unchanged command that failed is tried again after this long
     drive: str = "mission"  # how a UGV is driven: "mission" items in AUTO, or "guided" targets
     arrive_m: float | None = None  # None: 2 m (the stacks' own radius), less on small cells
@@ -43,6 +44,7 @@ class DriverConfig:
             (1 <= self.compid <= 255, "compid", self.compid, "1 to 255"),
             (self.drive in ("mission", "guided"), "drive", self.drive, "mission or guided"),
             (0.1 <= self.heartbeat_hz <= 50, "heartbeat_hz", self.heartbeat_hz, "0.1 to 50"),
+            (0 <= self.min_separation_m < 1e4, "min_separation_m", self.min_separation_m, "0 to 10000"),
             (self.position_max_age_s > 0, "position_max_age_s", self.position_max_age_s, "more than 0"),
             (self.fence_deg is None or len(self.fence_deg) >= 3, "fence_deg", self.fence_deg, "at least 3 corners"),
             (self.speed_m_s is None or 0 < self.speed_m_s < 100, "speed_m_s", self.speed_m_s, "0 to 100"),
@@ -69,4 +71,5 @@ class DriverConfig:
             altitude_band_m=self.altitude_band_m if flies else (-math.inf, math.inf),
             position_max_age_ns=round(self.position_max_age_s * NS_PER_S),
             retask_min_interval_ns=round(self.retask_min_interval_s * NS_PER_S),
+            min_separation_m=self.min_separation_m,
         )

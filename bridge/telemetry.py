@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from gatar_edge.bridge import wire
 from gatar_edge.bridge.geo import geodetic_to_enu
+from gatar_edge.bridge.wire import MessageId
 
 NEVER = -1
 
@@ -20,6 +21,7 @@ class Telemetry:
     position: wire.GlobalPosition | None = None
     position_ns: int = NEVER
     home: wire.HomePosition | None = None
+    origin: wire.GlobalOrigin | None = None
     current: wire.MissionCurrent | None = None
     current_ns: int = NEVER
     echo: wire.PositionTarget | None = None
@@ -36,6 +38,8 @@ class Telemetry:
                 self.position, self.position_ns = message, now_ns
             case wire.HomePosition() if message.lat_e7 or message.lon_e7:
                 self.home = message
+            case wire.GlobalOrigin() if message.lat_e7 or message.lon_e7:
+                self.origin = message
             case wire.MissionCurrent():
                 self.current, self.current_ns = message, now_ns
             case wire.PositionTarget():
@@ -54,6 +58,12 @@ class Telemetry:
     def custom_mode(self) -> int | None:
         """Its mode, as the heartbeat alone can tell."""
         return self.heartbeat.custom_mode if self.heartbeat else None
+
+    @property
+    def unknown(self) -> tuple[int, ...]:
+        """Ids of the messages that are needed once and have not come."""
+        needed = {MessageId.HOME_POSITION: self.home, MessageId.GPS_GLOBAL_ORIGIN: self.origin}
+        return tuple(message_id for message_id, value in needed.items() if value is None)
 
     @property
     def lat_lon_deg(self) -> tuple[float, float] | None:

@@ -114,6 +114,20 @@ class Vehicle:
             self.guided.go(points, self._altitude_m(), self._home_amsl_m(), now_ns)
         return True
 
+    def return_home(self, now_ns: int) -> bool:
+        """Let it return to where it was launched, by its own mode. False: nothing is sent to one that does not obey."""
+        if not self.ready(now_ns):
+            return False
+        self.retask.stop()
+        self.guided.stop()
+        self.modes.want(self.profile.return_mode)
+        return True
+
+    @property
+    def returning(self) -> bool:
+        """Whether it is in the mode that brings it back."""
+        return self.seen.custom_mode == self.profile.return_mode
+
     def enable(self, now_ns: int) -> None:
         """Command again after the pilot had control."""
         self.modes.release()
@@ -121,7 +135,7 @@ class Vehicle:
 
     def poll(self, now_ns: int, launch: bool) -> list[Message]:
         """Run everything and hand over what is to be sent now."""
-        out, short = self._rates.poll(self.seen.home is not None, now_ns)
+        out, short = self._rates.poll(self.seen.unknown, now_ns)
         if short:
             self._tell(now_ns, EventKind.RATES, f"asked again for message intervals of {short}")
         if launch:

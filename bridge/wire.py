@@ -54,9 +54,13 @@ class MessageId(IntEnum):
     """The messages that the bridge asks a vehicle for."""
 
     SYS_STATUS = 1
+    SYSTEM_TIME = 2
+    GPS_RAW_INT = 24
     GLOBAL_POSITION_INT = 33
     MISSION_CURRENT = 42
+    GPS_GLOBAL_ORIGIN = 49
     POSITION_TARGET_GLOBAL_INT = 87
+    AUTOPILOT_VERSION = 148
     HOME_POSITION = 242
     EXTENDED_SYS_STATE = 245
     SETUP_SIGNING = 256
@@ -90,7 +94,8 @@ CUSTOM_MODE_FLAG = 1  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 LANDED_ON_GROUND = 1  # MAV_LANDED_STATE_ON_GROUND
 STATE_ACTIVE = 4  # MAV_STATE
 STATE_CRITICAL = 5
-TYPE_ONBOARD_CONTROLLER = 18  # MAV_TYPE
+TYPE_GCS = 6  # MAV_TYPE
+TYPE_ONBOARD_CONTROLLER = 18
 AUTOPILOT_INVALID = 8  # MAV_AUTOPILOT: not an autopilot
 AUTOPILOT_ARDUPILOT = 3
 AUTOPILOT_PX4 = 12
@@ -139,6 +144,76 @@ class HomePosition:
     lat_e7: int
     lon_e7: int
     alt_amsl_mm: int
+
+
+@dataclass(frozen=True, slots=True)
+class GlobalOrigin:
+    """GPS_GLOBAL_ORIGIN (49): where the vehicle's local frame begins."""
+
+    lat_e7: int
+    lon_e7: int
+    alt_amsl_mm: int
+
+
+@dataclass(frozen=True, slots=True)
+class SetGlobalOrigin:
+    """SET_GPS_GLOBAL_ORIGIN (48); answered by a GPS_GLOBAL_ORIGIN where it was taken."""
+
+    sysid: int
+    lat_e7: int
+    lon_e7: int
+    alt_amsl_mm: int
+
+
+@dataclass(frozen=True, slots=True)
+class GpsRaw:
+    """GPS_RAW_INT (24): what of it is used. `fix_type` is a GPS_FIX_TYPE: 3 and above is a position in space."""
+
+    fix_type: int
+    satellites: int
+
+
+@dataclass(frozen=True, slots=True)
+class SystemTime:
+    """SYSTEM_TIME (2): microseconds since 1970, 0 where the vehicle does not know the time of day."""
+
+    unix_us: int
+
+
+@dataclass(frozen=True, slots=True)
+class TimeSync:
+    """TIMESYNC (111): `tc1` is 0 in a request, and the answerer's clock in an answer; `ts1` comes back as it was sent.
+
+    Both in nanoseconds. An answer does not say whom it answers: only its `ts1` does.
+    """
+
+    tc1: int
+    ts1: int
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotVersion:
+    """AUTOPILOT_VERSION (148): `version` is major << 24 | minor << 16 | patch << 8 | kind of release."""
+
+    capabilities: int
+    version: int
+
+
+@dataclass(frozen=True, slots=True)
+class ParamRead:
+    """PARAM_REQUEST_READ (20), by name."""
+
+    target: Address
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class ParamValue:
+    """PARAM_VALUE (22): `raw` are the value's four bytes as they came, `type` a MAV_PARAM_TYPE."""
+
+    name: str
+    raw: bytes
+    type: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -283,6 +358,14 @@ Message = (
     | SysStatus
     | GlobalPosition
     | HomePosition
+    | GlobalOrigin
+    | SetGlobalOrigin
+    | GpsRaw
+    | SystemTime
+    | TimeSync
+    | AutopilotVersion
+    | ParamRead
+    | ParamValue
     | ExtendedSysState
     | PositionTarget
     | StatusText
@@ -309,6 +392,7 @@ class Received:
     message_id: int
     raw: bytes
     message: Message | None
+    signed: bool = False
 
 
 def sendable(item: MissionItem) -> bool:

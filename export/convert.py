@@ -23,7 +23,7 @@ from gatar_edge.learn.train import load_model
 def export(run: Path, out: Path) -> dict[str, Any]:
     """Write `out` (.onnx) and its weights beside it (.safetensors) from a finished run; returns the contract."""
     network, description = load_model(run)
-    inputs = tuple(network.inputs)
+    inputs: tuple[str, ...] = network.inputs  # type: ignore[assignment]
     example = random_state(EXAMPLE["N"], EXAMPLE["M"], seed=0, r_comm=6.0)
     tensors = tuple(torch.from_numpy(example[name]) for name in inputs)
     model = _converted(SingleView(network).eval(), inputs, tensors)
@@ -81,7 +81,7 @@ def contract_of(name: str, description: dict[str, Any], inputs: tuple[str, ...])
     }
 
 
-def _clean(model: onnx.ModelProto) -> None:
+def _clean(model: Any) -> None:
     """Take out what tells of the machine that exported: source paths and stack traces."""
     model.producer_name, model.producer_version, model.doc_string = "gatar-edge", "", ""
     graphs = [model.graph, *model.functions]

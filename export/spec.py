@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from gatar_edge.features import AXES
+from gatar_edge.features import AXES, LENGTH_SCALE_CELLS
 from gatar_edge.manifest import MAX_CANDIDATES, MAX_ROBOTS
 
 OPSET = 18  # in the range that onnxruntime 1.17 reads
@@ -18,9 +18,9 @@ EXAMPLE = {"N": 5, "M": 7}  # never 0 or 1: torch.export would make these axes f
 
 
 class SingleView(nn.Module):
-    """What is exported: a network without its batch axis, its scores turned into probabilities.
+    """What is exported: a network without its batch axis, its scores turned into probabilities, x-y in tens of cells.
 
-    A probability is what a reviewer can read, and in 0..1 the two runtimes agree within `TOLERANCE`.
+    A probability is what a reviewer can read, and numbers near 1 are what single precision gives within `TOLERANCE`.
     """
 
     def __init__(self, network: nn.Module) -> None:
@@ -31,7 +31,8 @@ class SingleView(nn.Module):
     def forward(self, *inputs: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Inputs in the order of the network's `inputs`; `scores`, `xy`, `attention` as in `manifest.OUTPUTS`."""
         outputs = self.network(*(value.unsqueeze(0) for value in inputs))
-        return outputs.scores.squeeze(0).softmax(dim=-1), outputs.xy.squeeze(0), outputs.attention.squeeze(0)
+        xy = outputs.xy.squeeze(0) / LENGTH_SCALE_CELLS
+        return outputs.scores.squeeze(0).softmax(dim=-1), xy, outputs.attention.squeeze(0)
 
 
 def dynamic_shapes(inputs: tuple[str, ...]) -> tuple[tuple[dict[int, Any], ...]]:

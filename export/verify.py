@@ -1,9 +1,12 @@
-"""Proof that an ONNX file equals its network: names, axes, shapes, values, decisions, in this order."""
+"""Proof that an ONNX file equals its network: names, axes, shapes, values, decisions, in this order.
+
+The network runs in double precision, so that the difference is the file's error alone and not the sum of two roundings.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +20,7 @@ from gatar_edge.allocators.gatar import can_explore, decode
 from gatar_edge.errors import GatarError, ModelError
 from gatar_edge.export.spec import DYNAMIC, TOLERANCE, SingleView
 from gatar_edge.export.states import CONNECTED, ISOLATED, random_view
-from gatar_edge.features import features
+from gatar_edge.features import LENGTH_SCALE_CELLS, Inputs, features
 from gatar_edge.grid import UNREACHABLE
 from gatar_edge.learn.networks import build
 from gatar_edge.manifest import MAX_CANDIDATES, MAX_ROBOTS, OUTPUTS
@@ -73,12 +76,16 @@ class Proof:
         return asdict(self)
 
 
-def verify(path: Path, progress: Callable[[float, str], None] = lambda share, text: None) -> Proof:
+def verify(
+    path: Path,
+    progress: Callable[[float, str], None] = lambda share, text: None,
+    states_of: Callable[[], Iterable[tuple[int, int, float]]] | None = None,
+) -> Proof:
     """Compare the file with the network whose weights lie beside it. A difference is told by the proof.
 
-    Raises ModelError where file or weights cannot be read at all.
+    `states_of` gives robots, candidates and r_comm of each state; by default all of `all_states`. Raises ModelError
+    where file or weights cannot be read at all.
     """
-    torch.set_num_threads(1)  # tiny matrices: more threads only wait for each other
     policy = Policy(path)
     network = _network(path, policy)
     states = decisions = 0
@@ -86,7 +93,7 @@ def verify(path: Path, progress: Callable[[float, str], None] = lambda share, te
     error = ""
     try:
         _check_graph(path, policy)
-        every = list(_sizes())
+        every = list((states_of or all_states)())
         for index, (robots, candidates, r_comm) in enumerate(every):
             view = random_view(robots, candidates, index, r_comm)
             worst = max(worst, _compare(policy, network, view))
@@ -94,12 +101,10 @@ def verify(path: Path, progress: Callable[[float, str], None] = lambda share, te
             progress((index + 1) / len(every), f"{states} states, largest difference {worst:.1e}")
     except ProofError as found:
         error = f"{type(found).__name__}: {found}"
-    return Proof(
-        path.name, not error, states, decisions, worst, TOLERANCE, (1, MAX_ROBOTS), (0, max(CANDIDATES)), error
-    )
+    return Proof(path.name, not error, states, decisions, worst, TOLERANCE, (1, MAX_ROBOTS), (0, MAX_CANDIDATES), error)
 
 
-def _sizes() -> Iterator[tuple[int, int, float]]:
+def all_states() -> Iterator[tuple[int, int, float]]:
     """Every number of robots with several of candidates, and the reverse, isolated to connected."""
     for robots in range(1, MAX_ROBOTS + 1):
         for index, candidates in enumerate(CANDIDATES):
@@ -119,7 +124,7 @@ def _network(path: Path, policy: Policy) -> SingleView:
         network.load_state_dict(load_file(weights))
     except (OSError, RuntimeError, ValueError) as error:
         raise ModelError(f"cannot read the weights {weights}: {' '.join(str(error).split())[:200]}") from None
-    return SingleView(network).eval()
+    return SingleView(network).eval().double()
 
 
 def _check_graph(path: Path, policy: Policy) -> None:
@@ -140,10 +145,9 @@ def _check_graph(path: Path, policy: Policy) -> None:
 
 def _compare(policy: Policy, network: SingleView, view: View) -> float:
     inputs = features(view)
-    ours = policy.run(inputs)
+    ours = _as_exported(policy.run(inputs))
     with torch.inference_mode():
-        tensors = (torch.from_numpy(np.ascontiguousarray(inputs[name])) for name in network.inputs)
-        theirs = PolicyOutput(*(output.numpy() for output in network(*tensors)))
+        theirs = PolicyOutput(*(output.numpy() for output in network(*_double(inputs, network.inputs))))
     where = f"{len(view.robots)} robots, {len(view.targets)} candidates"
     worst = 0.0
     for name in OUTPUTS:
@@ -158,6 +162,16 @@ def _compare(policy: Policy, network: SingleView, view: View) -> float:
     if not np.array_equal(chosen, expected):
         raise DecisionMismatchError(f"{where}: {chosen.tolist()} from the file, {expected.tolist()} from torch")
     return worst
+
+
+def _double(inputs: Inputs, names: tuple[str, ...]) -> list[torch.Tensor]:
+    arrays = (np.ascontiguousarray(inputs[name]) for name in names)
+    return [torch.from_numpy(array.astype(np.float64) if array.dtype.kind == "f" else array) for array in arrays]
+
+
+def _as_exported(output: PolicyOutput) -> PolicyOutput:
+    """In the units of the file, in which the tolerance is meant."""
+    return replace(output, xy=output.xy / np.float32(LENGTH_SCALE_CELLS))
 
 
 def _decide(view: View, output: PolicyOutput) -> np.ndarray[Any, np.dtype[np.int32]]:

@@ -83,6 +83,7 @@ class Agent:
             max_age_ns=int(config.max_age_s * NS_PER_S),
             max_neighbors=config.max_neighbors,
         )
+        self._negotiator = allocator if isinstance(allocator, Negotiator) else None
         self._talk = Talk(identity.robot_id, key, config.digest(), first_seq)
         self._key = key
         self._digest = config.digest()
@@ -150,10 +151,10 @@ class Agent:
 
     def negotiate(self, now_ns: int) -> tuple[bytes, ...]:
         """What the allocator has to tell its like in range, one datagram each; nothing where it does not talk."""
-        observation = self._observation
-        if not isinstance(self.allocator, Negotiator) or observation is None or not self._takes_part or self.shadow:
+        observation, negotiator = self._observation, self._negotiator
+        if negotiator is None or observation is None or not self._takes_part or self.shadow:
             return ()
-        return tuple(self._talk.seal(payload) for payload in self.allocator.bid(self.view(now_ns, observation)))
+        return tuple(self._talk.seal(payload) for payload in negotiator.bid(self.view(now_ns, observation)))
 
     def decide(self, now_ns: int) -> Decision:
         """Choose what to do with what is known now."""
@@ -168,7 +169,7 @@ class Agent:
         allocation, name, fallback = self._allocate(view)
         assignment = decide(view, allocation, self.task, Rules(self.config.keep_task, self.config.r_sense))
         retask = self._gives_up(assignment)
-        self.task = Task(assignment.kind, assignment.cell, assignment.path)
+        self.task = self.task.followed_by(assignment, given_up=retask)
         return Decision(
             robot_id=self.identity.robot_id,
             tick=self._tick,
@@ -203,8 +204,8 @@ class Agent:
     def _listen(self, datagram: bytes, now_ns: int) -> HearOutcome:
         """Hand the allocator what its like told."""
         outcome, payload = self._talk.open(datagram)
-        if outcome is HearOutcome.TALK and isinstance(self.allocator, Negotiator):
-            self.allocator.heard(payload, now_ns)
+        if outcome is HearOutcome.TALK and self._negotiator is not None:
+            self._negotiator.heard(payload, now_ns)
         self.neighbors.counters[outcome] += 1
         return outcome
 

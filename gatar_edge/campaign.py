@@ -42,6 +42,7 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True):
     r_comm: float = 6.0
     loss: float = 0.0
     delay_ticks: int = 0
+    follow: bool = False  # the allocator at every tick; else tasks are kept, as on vehicles
     max_steps: int = 500
 
     @property
@@ -93,16 +94,17 @@ def world_of(campaign: Campaign, seed: int) -> World:
 def fly_one(flight: Flight) -> Figures:
     """Fly one mission. Raises ConfigError, ModelError or WorldError."""
     campaign, world = flight.campaign, world_of(flight.campaign, flight.seed)
-    grid = GridSpec(width=world.shape[0], height=world.shape[1])
-    if hears_all(flight.allocator):
-        config = AgentConfig(grid=grid, r_sense=campaign.r_sense, r_comm=float(sum(world.shape)))
-        mission = GridMission(world, config, max_steps=campaign.max_steps)
-    else:
-        config = AgentConfig(grid=grid, r_sense=campaign.r_sense, r_comm=campaign.r_comm)
-        delay_ns = campaign.delay_ticks * STEP_NS
-        radio = LinkFaults(loss=campaign.loss, delay_min_ns=delay_ns, delay_max_ns=delay_ns)
-        mission = GridMission(world, config, radio, campaign.max_steps)
-    return _figures(fly(mission, _factory(flight.allocator)))
+    central = hears_all(flight.allocator)
+    config = AgentConfig(
+        grid=GridSpec(width=world.shape[0], height=world.shape[1]),
+        r_sense=campaign.r_sense,
+        r_comm=float(sum(world.shape)) if central else campaign.r_comm,
+        keep_task=not campaign.follow,
+    )
+    delay_ns = campaign.delay_ticks * STEP_NS
+    radio = LinkFaults() if central else LinkFaults(campaign.loss, delay_min_ns=delay_ns, delay_max_ns=delay_ns)
+    mission = GridMission(world, config, radio, campaign.max_steps)
+    return _figures(fly(mission, factory(flight.allocator)))
 
 
 def fly_all(
@@ -135,14 +137,16 @@ class _Line(msgspec.Struct):
 
 
 def load_results(path: Path) -> dict[str, Figures]:
-    """Figures by `Flight.key`. A last line that was cut off is left out; raises ConfigError for any other."""
-    if not path.exists():
-        return {}
+    """Figures by `Flight.key`; makes the file where there is none.
+
+    A last line that was cut off is taken away; raises ConfigError for any other, and where the file cannot be written.
+    """
     try:
+        path.open("ab").close()
         lines = path.read_bytes().split(b"\n")
         found = [msgspec.json.decode(line, type=_Line) for line in lines[:-1]]
     except (OSError, msgspec.MsgspecError) as error:
-        raise ConfigError(f"{path} is not a file of results: {error}") from error
+        raise ConfigError(f"{path} cannot be used as a file of results: {error}") from error
     if lines[-1]:
         path.write_bytes(b"".join(line + b"\n" for line in lines[:-1]))
     return {line.key: line.figures for line in found}
@@ -163,13 +167,13 @@ def _fly_each(flights: Sequence[Flight], workers: int) -> Iterator[tuple[Flight,
 
 
 @cache
-def _factory(allocator: str) -> Make:
-    """One model and one compiled planner a process."""
-    if find_spec("numba") is None:
+def factory(allocator: str) -> Make:
+    """How to make the allocator, with one model or planner a process; tours are compiled where numba is installed."""
+    if not allocator.endswith("routing") or find_spec("numba") is None:
         return make(allocator)
     from gatar_edge.learn.compiled import compiled_planner
 
-    return make(allocator, compiled_planner() if allocator.endswith("routing") else None)
+    return make(allocator, compiled_planner())
 
 
 @cache

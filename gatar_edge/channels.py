@@ -56,6 +56,7 @@ class RadioItem(msgspec.Struct, frozen=True, omit_defaults=True):
     outcome: str = ""  # HearOutcome of a heard datagram
     author: int = -1
     seq: int = -1
+    talk: bool = False  # between allocators: see `talk`
     hops: int = -1
     sent_ms: int = -1  # the author's clock
     cell: tuple[int, int] | None = None

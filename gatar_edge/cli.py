@@ -14,6 +14,8 @@ COMMANDS = {
     "sim": "fly a seeded mission with simulated autopilots",
     "init": "write the configuration of one vehicle",
     "vehicle": "run the inference daemon of one vehicle",
+    "doctor": "check that a vehicle is set up right",
+    "bridge": "look after what is on board of a vehicle",
     "fleet": "show the team live, by listening only",
     "dataset": "make training data with a teacher",
     "train": "train a network",

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Literal, Protocol
 
 from gatar_edge.agent import Agent
 from gatar_edge.health import Counters, NeighborLine, Shunned, Snapshot, usable
@@ -17,6 +17,7 @@ from gatar_edge.journal import Journal, TextLog
 from gatar_edge.neighbors import HearOutcome
 from gatar_edge.perception import Perception
 from gatar_edge.persist import SavedState, snapshot
+from gatar_edge.separation import Place, occupied
 from gatar_edge.tasks import to_command
 from gatar_edge.transports.base import Transport
 from gatar_edge.transports.budget import ByteBudget
@@ -62,6 +63,8 @@ class Vehicle(Protocol):
     def critical(self, critical: bool) -> None: ...
     def holding(self, now_ns: int) -> bool: ...
     def failed(self) -> bool: ...
+    def neighbors(self, positions: tuple[Place, ...]) -> None: ...
+    def return_home(self, now_ns: int) -> bool: ...
 
 
 class Log(TextLog, Protocol):
@@ -98,6 +101,7 @@ class Ports:
     log: Log | None = None
     saver: Saver | None = None
     published: Callable[[Snapshot], None] = lambda snapshot: None
+    radio_problem: Callable[[], str] = lambda: ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +111,7 @@ class Settings:
     tick_ns: int = NS_PER_S // 5
     save_ns: int = NS_PER_S
     dry_run: bool = False
-    hold_on_stop: bool = True
+    on_stop: Literal["hold", "return", "leave"] = "hold"
 
 
 class Daemon:
@@ -154,11 +158,15 @@ class Daemon:
         """One step towards the end, as often as `step`; true when the vehicle is in the configured safe state."""
         vehicle = self._ports.vehicle
         vehicle.receive(now_ns)
-        if self._settings.hold_on_stop and not self._settings.dry_run:
+        on_stop = "leave" if self._settings.dry_run else self._settings.on_stop
+        there = on_stop == "leave"
+        if on_stop == "hold":
             vehicle.command(Hold("stopped"), now_ns)
+        elif on_stop == "return":
+            there = vehicle.return_home(now_ns)
         vehicle.poll(now_ns)
         self._stepped_ns = now_ns
-        return self._settings.dry_run or not self._settings.hold_on_stop or vehicle.holding(now_ns)
+        return there or (on_stop == "hold" and vehicle.holding(now_ns))
 
     def state(self) -> SavedState:
         """What survives a restart."""
@@ -217,6 +225,8 @@ class Daemon:
         decision = self.agent.decide(now_ns)
         decision = replace(decision, latency_ns=self._ports.clock_ns() - now_ns)
         wanted = to_command(self.agent.identity.kind, decision.assignment)
+        heard, me = self.agent.neighbors.fresh(now_ns, decision.cell), self.agent.identity
+        vehicle.neighbors(occupied(me.robot_id, me.kind, heard, self.agent.config.grid))
         sent = wanted if self._settings.dry_run else vehicle.command(wanted, now_ns)
         self._account(decision, wanted, sent, now_ns)
         self._record(decision, wanted, sent, state, now_ns)
@@ -295,6 +305,7 @@ class Daemon:
             perception_rate_hz=self.perception.rate_hz(now_ns),
             decision_ms=decision.latency_ns / 1e6,
             fallbacks_in_a_row=self.counters.fallbacks_in_a_row,
+            radio_problem=self._ports.radio_problem(),
             log_problem=log.stopped if log is not None else "",
             state_problem=f"state is not saved: {saver.last_error}" if saver is not None and saver.last_error else "",
             counters=self._all_counters(),

@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable
 from typing import Protocol
 
-from gatar_edge.allocators.base import Allocation, Allocator
+from gatar_edge.allocators.base import Allocation, Allocator, Negotiator
 from gatar_edge.errors import DeadlineError
 from gatar_edge.view import View
 
@@ -21,7 +21,16 @@ Job = Callable[[], Allocation]
 class Runner(Protocol):
     """Runs one job within a time. Raises DeadlineError where that did not suffice, and what the job raises."""
 
+    @property
+    def busy(self) -> bool: ...
     def run(self, job: Job, timeout_s: float) -> Allocation: ...
+
+
+def punctual(allocator: Allocator, deadline_s: float, runner: Runner) -> Punctual:
+    """The allocator with a deadline, and with its talk where it talks to its like."""
+    if isinstance(allocator, Negotiator):
+        return PunctualNegotiator(allocator, deadline_s, runner)
+    return Punctual(allocator, deadline_s, runner)
 
 
 class Punctual:
@@ -42,6 +51,23 @@ class Punctual:
         return self._runner.run(lambda: self._allocator.allocate(view), self._deadline_s)
 
 
+class PunctualNegotiator(Punctual):
+    """The same for a `Negotiator`, which neither talks nor listens while its thread is still at work on a late view."""
+
+    def __init__(self, allocator: Negotiator, deadline_s: float, runner: Runner) -> None:
+        super().__init__(allocator, deadline_s, runner)
+        self._negotiator = allocator
+
+    def bid(self, view: View) -> tuple[bytes, ...]:
+        """See `Negotiator.bid`."""
+        return () if self._runner.busy else self._negotiator.bid(view)
+
+    def heard(self, payload: bytes, now_ns: int) -> None:
+        """See `Negotiator.heard`."""
+        if not self._runner.busy:
+            self._negotiator.heard(payload, now_ns)
+
+
 class ThreadRunner:
     """One worker thread, which does not keep the process alive."""
 
@@ -51,9 +77,14 @@ class ThreadRunner:
         self._busy = False  # with a job whose result nobody waits for any more
         threading.Thread(target=self._work, name="allocator", daemon=True).start()
 
+    @property
+    def busy(self) -> bool:
+        """Whether a job that was late is still at work."""
+        return self._busy and self._results.empty()
+
     def run(self, job: Job, timeout_s: float) -> Allocation:
         """See `Runner`."""
-        if self._busy and self._results.empty():
+        if self.busy:
             raise DeadlineError("the allocator is still busy with an earlier tick")
         if self._busy:
             self._results.get()  # the late one: of a world that is past

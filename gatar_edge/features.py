@@ -13,12 +13,13 @@ here is an absolute coordinate: windows and offsets are relative to a robot, so 
 | offsets | M xy            | candidate's cell minus ego's cell                                            |
 | hops    | N N             | hop count, 0 on the diagonal, -1 beyond the graph                            |
 
+Speeds enter as shares of the fastest robot of the view, so that cell size and step make no difference.
 N is at least 1 (ego is row 0); M is padded to at least 1 with `valid` 0, because ONNX operators differ on empty axes.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -27,7 +28,7 @@ from gatar_edge.grid import UNREACHABLE
 from gatar_edge.types import CellState, Floats, RobotKind
 from gatar_edge.view import View
 
-FEATURES_VERSION = 1
+FEATURES_VERSION = 2
 WINDOW = 15  # cells a side, the robot in the middle
 SIGMA = 1.0  # of the Gaussian target map, cells
 EPSILON = 1.0  # of the reward map, cells: with 1, the reward of the own cell is the speed
@@ -64,7 +65,7 @@ SIZES = {
     "xy": 2,
 }
 
-TIME_SCALE_S = 10.0
+TIME_SCALE = 10.0  # cells of the fastest robot
 LENGTH_SCALE_CELLS = 10.0
 RANK_SCALE = 16.0
 TARGET_RANK_SCALE = 32.0
@@ -87,7 +88,7 @@ class ViewArrays:
     distances: npt.NDArray[np.int32]  # [..., N, W, H], -1 unreachable
     robots: Ints  # [..., N, 2], cells, ego first
     kinds: Ints  # [..., N]
-    speeds: Floats  # [..., N], cells/s
+    speeds: Floats  # [..., N], in any unit
     ids: Ints  # [..., N]
     tasks: Ints  # [..., N, 2], claimed target or (-1, -1)
     ages_s: Floats  # [..., N]
@@ -125,6 +126,8 @@ def features(view: View) -> Inputs:
 def features_of(view: ViewArrays) -> Inputs:
     """Input of the network for a batch of views: `AXES` after the leading batch axes."""
     lengths = _at_targets(view)
+    fastest = np.where(view.present, view.speeds, 0).max(axis=-1, keepdims=True)
+    view = replace(view, speeds=view.speeds / np.maximum(fastest, np.float32(1e-6)))
     cells, inside = _window_cells(view)
     maps = channels(view)
     rank = _ranks(view) / np.float32(RANK_SCALE)
@@ -203,12 +206,12 @@ def _at_targets(view: ViewArrays) -> Ints:
 
 
 def _times(lengths: Ints, speeds: Floats) -> tuple[Floats, Floats]:
-    """Seconds to each target and the reward there, both 0 where unreachable."""
+    """Time to each target, as cells of the fastest robot, and the reward there; both 0 where unreachable."""
     reachable = lengths != UNREACHABLE
     speed = np.maximum(speeds[..., None], np.float32(1e-3))
-    seconds = np.where(reachable, lengths.astype(np.float32) / speed, np.float32(0))
+    times = np.where(reachable, lengths.astype(np.float32) / speed, np.float32(0))
     reward = np.where(reachable, speed / (np.maximum(lengths, 0).astype(np.float32) + np.float32(EPSILON)), 0)
-    return seconds, reward
+    return times, reward
 
 
 def _window_cells(view: ViewArrays) -> tuple[Ints, Bools]:
@@ -241,11 +244,11 @@ def _robot_features(view: ViewArrays, maps: Floats, rank: Floats) -> Floats:
 
 def _pair_features(view: ViewArrays, lengths: Ints, rank: Floats, inside: Bools) -> Floats:
     reachable = lengths != UNREACHABLE
-    seconds, reward = _times(lengths, view.speeds)
-    out = np.empty((*seconds.shape, len(PAIR_FEATURES)), dtype=np.float32)
+    times, reward = _times(lengths, view.speeds)
+    out = np.empty((*times.shape, len(PAIR_FEATURES)), dtype=np.float32)
     offset = view.targets[..., None, :, :] - view.robots[..., :, None, :]
     task = (view.tasks[..., :, None, :] == view.targets[..., None, :, :]).all(axis=-1)
-    out[..., 0] = seconds / np.float32(TIME_SCALE_S)
+    out[..., 0] = times / np.float32(TIME_SCALE)
     out[..., 1] = reward
     out[..., 2] = reachable
     out[..., 3] = (view.kinds == RobotKind.UGV)[..., None]

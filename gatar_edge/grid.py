@@ -39,7 +39,7 @@ def path_lengths(kind: RobotKind, cell: Cell, free: BoolGrid) -> IntGrid:
 
 
 # What is known changes less often than it is asked about, and robots that know the same ask the same.
-@lru_cache(maxsize=512)
+@lru_cache(maxsize=1024)
 def _driving_lengths(cell: Cell, free: bytes, shape: tuple[int, ...]) -> IntGrid:
     distance = np.full(shape, _TCOD_UNREACHABLE, dtype=np.int32)
     distance[cell] = 0
@@ -51,7 +51,7 @@ def _driving_lengths(cell: Cell, free: bytes, shape: tuple[int, ...]) -> IntGrid
     return distance
 
 
-@lru_cache(maxsize=512)
+@lru_cache(maxsize=1024)
 def manhattan(cell: Cell, shape: tuple[int, ...]) -> IntGrid:
     """4-connected distance with nothing in the way: int32 [W, H], read-only."""
     x = np.abs(np.arange(shape[0], dtype=np.int32) - cell[0])
@@ -85,7 +85,8 @@ def simplify(path: tuple[Cell, ...]) -> tuple[Cell, ...]:
     """The corners of a 4-connected path and its end, without its start: what a ground robot must drive through.
 
     Legs between corners run along one axis through exactly the path's cells, and the first one stays within them from
-    anywhere in the start cell: nothing cuts an obstacle's corner. A path of one cell gives that cell.
+    anywhere in the start cell: nothing cuts an obstacle's corner. A path of one cell gives that cell, an empty one
+    none.
     """
     if len(path) < 2:
         return path

@@ -50,6 +50,7 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     perception_rate_hz: float
     decision_ms: float
     fallbacks_in_a_row: int
+    radio_problem: str
     log_problem: str
     state_problem: str
     counters: dict[str, int]
@@ -67,7 +68,7 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
             found.append(f"the vehicle does not obey ({self.vehicle_phase or 'no position'})")
         if self.fallbacks_in_a_row >= CRITICAL_AFTER:
             found.append(f"{self.allocator} failed {self.fallbacks_in_a_row} ticks in a row")
-        found += [problem for problem in (self.log_problem, self.state_problem) if problem]
+        found += [problem for problem in (self.radio_problem, self.log_problem, self.state_problem) if problem]
         return found
 
     @property

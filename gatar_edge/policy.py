@@ -16,7 +16,7 @@ import onnxruntime
 
 from gatar_edge import manifest as contract
 from gatar_edge.errors import ModelError
-from gatar_edge.features import SIZES, Inputs
+from gatar_edge.features import AXES, LENGTH_SCALE_CELLS, SIZES, Inputs
 from gatar_edge.types import Floats
 
 LARGEST_FILE = 64 << 20  # bytes
@@ -36,8 +36,8 @@ class PolicyOutput:
 class Policy:
     """One model file, loaded and checked. Raises ModelError where it cannot be used."""
 
-    def __init__(self, path: Path = DEFAULT_MODEL) -> None:
-        self.path = Path(path)
+    def __init__(self, path: Path | None = None) -> None:
+        self.path = path or DEFAULT_MODEL
         self._session = _session(self.path)
         metadata = self._session.get_modelmeta().custom_metadata_map
         self.manifest = contract.parse(metadata.get(contract.KEY), self.path.name)
@@ -51,7 +51,7 @@ class Policy:
             raise ModelError(f"{self.path.name}: the graph's outputs are not {self._outputs}")
 
     def run(self, inputs: Inputs) -> PolicyOutput:
-        """Evaluate one view (`features.features`). Raises ModelError on a wrong shape or a number that is not finite."""
+        """Evaluate one view (`features.features`). Raises ModelError on a wrong shape or a not finite number."""
         feed = {name: self._checked(name, inputs) for name in self.manifest.inputs}
         sizes = _sizes(feed)
         if not (1 <= sizes["N"] <= contract.MAX_ROBOTS and 1 <= sizes["M"] <= contract.MAX_CANDIDATES):
@@ -66,7 +66,7 @@ class Policy:
         scores, xy, attention = values
         if scores.shape != (sizes["N"], sizes["M"] + 1) or not all(np.isfinite(value).all() for value in values):
             raise ModelError(f"{self.path.name}: output of shape {scores.shape} is not finite or not as contracted")
-        return PolicyOutput(scores, xy, attention)
+        return PolicyOutput(scores, xy * np.float32(LENGTH_SCALE_CELLS), attention)
 
     def _checked(self, name: str, inputs: Inputs) -> npt.NDArray[Any]:
         array = inputs.get(name)
@@ -85,8 +85,6 @@ class Policy:
 
 def _sizes(feed: dict[str, npt.NDArray[Any]]) -> dict[str, int]:
     """Size of every axis, the same in all inputs. Raises ModelError."""
-    from gatar_edge.features import AXES
-
     sizes: dict[str, int] = dict(SIZES)
     for name, array in feed.items():
         for axis, size in zip(AXES[name], array.shape, strict=True):

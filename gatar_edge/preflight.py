@@ -7,6 +7,7 @@ says what is wrong and how to mend it.
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import os
 import time
 from collections.abc import Callable
@@ -19,7 +20,7 @@ from gatar_edge.agent import Identity
 from gatar_edge.allocators.base import Allocator
 from gatar_edge.bridge.link import check_url
 from gatar_edge.bridge.settings import DriverConfig
-from gatar_edge.errors import ConfigError, GatarError
+from gatar_edge.errors import ConfigError, GatarError, MissingExtraError
 from gatar_edge.keys import read_key
 from gatar_edge.message import MESSAGE_BYTES, first_seq
 from gatar_edge.perception_link import local_address
@@ -41,6 +42,12 @@ class Prepared:
     driver: DriverConfig
     restored: Restored
     seq: int
+
+    @property
+    def flown(self) -> str:
+        """The allocator as a replay of the log must make it."""
+        model = self.config.model
+        return f"{model.allocator}:{model.file}" if model.file else model.allocator
 
     @property
     def identity(self) -> Identity:
@@ -77,6 +84,7 @@ def driver_config(config: VehicleConfig) -> DriverConfig:
         speed_m_s=config.robot.speed_m_s,
         fence_deg=tuple(vehicle.fence) or None,
         drive=vehicle.drive,
+        min_separation_m=vehicle.min_separation_m,
         auto_launch=False,  # the daemon decides, see assemble
         log_frames=bool(config.log.folder),
     )
@@ -84,12 +92,7 @@ def driver_config(config: VehicleConfig) -> DriverConfig:
 
 def make_allocator(config: VehicleConfig) -> Allocator:
     """The configured allocator, tried once: a model that cannot decide is found out here. Raises GatarError."""
-    from gatar_edge.allocators.registry import make
-
-    model = config.model
-    if model.file and model.allocator != "gatar":
-        raise ConfigError(f"model.file is for the allocator gatar, not {model.allocator}: leave one of them out")
-    allocator = make(f"gatar:{model.file}" if model.file else model.allocator)()
+    allocator = _load_allocator(config)
     belief = np.full((config.grid.width, config.grid.height), CellState.FREE, dtype=np.uint8)
     belief[-1, -1] = CellState.TARGET
     ego = RobotState(config.robot.id, config.kind, (0, 0), config.speed_cells_s)
@@ -103,6 +106,20 @@ def make_allocator(config: VehicleConfig) -> Allocator:
     except Exception as error:  # of whatever library the model runs on
         raise ConfigError(f"allocator {allocator.name} cannot decide: {type(error).__name__}: {error}") from error
     return allocator
+
+
+def _load_allocator(config: VehicleConfig) -> Allocator:
+    model = config.model
+    if model.allocator == "gatar":
+        from gatar_edge.allocators.gatar import Gatar
+        from gatar_edge.policy import DEFAULT_MODEL
+
+        return Gatar(Path(model.file) if model.file else DEFAULT_MODEL, config.agent)
+    from gatar_edge.allocators.registry import make
+
+    if model.file:
+        raise ConfigError(f"model.file is for the allocator gatar, not {model.allocator}: leave one of them out")
+    return make(model.allocator)()
 
 
 def describe(prepared: Prepared, *, dry_run: bool) -> list[str]:
@@ -137,12 +154,12 @@ def anchored_clock() -> Callable[[], int]:
 
 
 def _launching(config: VehicleConfig, dry_run: bool) -> str:
-    height = f" to {config.vehicle.altitude_m:g} m" if config.kind is RobotKind.UAV else ""
+    starts = f"takes off to {config.vehicle.altitude_m:g} m" if config.kind is RobotKind.UAV else "drives off"
     if dry_run:
         return "shadow mode: no command is sent"
     if config.vehicle.launch == "auto":
-        return f"ARMS AND STARTS BY ITSELF{height}"
-    return f"takes over when a person has armed it{height}"
+        return f"ARMS BY ITSELF and {starts}"
+    return f"{starts} when a person has armed it"
 
 
 def _check_addresses(config: VehicleConfig) -> None:
@@ -151,6 +168,8 @@ def _check_addresses(config: VehicleConfig) -> None:
         local_address(config.perception.listen, allow_remote=config.perception.allow_remote)
     if config.watch.http:
         parse_address(config.watch.http, "watch.http")
+    if config.net.transport == "zenoh" and importlib.util.find_spec("zenoh") is None:
+        raise MissingExtraError("net.transport = 'zenoh'", "zenoh", "eclipse-zenoh")
     if config.net.transport == "udp":
         parse_address(config.net.listen, "net.listen")
         for peer in config.net.peers:

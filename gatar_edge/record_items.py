@@ -14,9 +14,10 @@ from gatar_edge.config import AgentConfig
 from gatar_edge.errors import LogError, MessageError
 from gatar_edge.message import unpack
 from gatar_edge.persist import SavedState
+from gatar_edge.talk import author_of
 from gatar_edge.types import Cells, Goto, Hold, Mission, TaskKind, VehicleCommand
 
-EFFECTIVE = frozenset(("accepted", "nearer"))  # outcomes of a datagram that changed what a robot knows
+EFFECTIVE = frozenset(("accepted", "nearer", "talk"))  # outcomes of a datagram that changed what a robot knows
 COMMONPLACE = frozenset(("duplicate", "own", "too_far"))  # outcomes that are only counted
 MAX_REFUSED = 20  # of one record: what a robot refuses must not fill its disk
 
@@ -78,6 +79,10 @@ def command_record(command: VehicleCommand) -> dict[str, Any]:
 
 def radio_item(datagram: bytes, way: ch.RadioWay, outcome: str, now_ns: int, keep: bool) -> ch.RadioItem:
     """One datagram as the log holds it, its bytes only where `keep`; its claims where it is a message."""
+    data = base64.b64encode(datagram).decode() if keep else ""
+    talk = author_of(datagram)
+    if talk is not None:
+        return ch.RadioItem(now_ns, way, outcome, author=talk[0], seq=talk[1], talk=True, size=len(datagram), data=data)
     try:
         message = unpack(datagram)
     except (MessageError, struct.error) as error:
@@ -95,7 +100,7 @@ def radio_item(datagram: bytes, way: ch.RadioWay, outcome: str, now_ns: int, kee
         task_cell=message.task_cell,
         cost=message.cost,
         size=len(datagram),
-        data=base64.b64encode(datagram).decode() if keep else "",
+        data=data,
     )
 
 

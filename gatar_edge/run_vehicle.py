@@ -16,7 +16,7 @@ from gatar_edge.agent import Agent
 from gatar_edge.bridge.driver import VehicleDriver
 from gatar_edge.bridge.link import Link, open_link
 from gatar_edge.daemon import POLL_NS, STOP_NS, Daemon, Ports, Settings
-from gatar_edge.deadline import Punctual, ThreadRunner
+from gatar_edge.deadline import ThreadRunner, punctual
 from gatar_edge.health import Snapshot
 from gatar_edge.journal import Journal
 from gatar_edge.perception import Perception
@@ -35,6 +35,9 @@ from gatar_edge.vehicle_port import AutopilotPort
 from gatar_edge.watch import HttpWatch, Notifier
 
 Clock = Callable[[], int]
+# After the first datagram wait this long for more: twelve neighbours that relay each other come in bursts, and waking
+# for each of them costs twice the processor time.
+GATHER_NS = 5_000_000
 
 
 class Waiter:
@@ -59,7 +62,8 @@ class Waiter:
         for number in wanted:  # again also where known: the number may now be another socket's
             self._poll.register(number, select.POLLIN)
         self._registered = wanted
-        self._poll.poll(max(0, duration_ns) / 1e6)
+        if self._poll.poll(max(0, duration_ns) / 1e6) and duration_ns > GATHER_NS:
+            time.sleep(GATHER_NS / NS_PER_S)
         with contextlib.suppress(BlockingIOError):
             self._woken.recv(64)
 
@@ -149,11 +153,12 @@ def opened(prepared: Prepared, clock_ns: Clock, *, dry_run: bool) -> Iterator[Pr
         journal = Journal(config.robot.id, log)
         link = stack.enter_context(open_link(config.vehicle.url))
         radio, tap = _open_radio(config, prepared.driver.sysid, link)
+        stack.callback(radio.close)
         perception = PerceptionSocket(config.perception.listen, allow_remote=config.perception.allow_remote)
+        stack.callback(perception.close)
         vehicle = _vehicle(prepared, link, journal, log, clock_ns(), dry_run=dry_run, tap=tap)
         waiter = Waiter([radio.fileno, perception.fileno, link.fileno])
-        for closing in (radio, perception, waiter):
-            stack.callback(closing.close)
+        stack.callback(waiter.close)
         notifier = Notifier()
         watchers = [notifier.published]
         if config.watch.http:
@@ -165,7 +170,7 @@ def opened(prepared: Prepared, clock_ns: Clock, *, dry_run: bool) -> Iterator[Pr
             _make_agent(prepared, journal, log, clock_ns()),
             Perception(config.robot.id, config.kind, config.grid_spec),
             ByteBudget(config.net.bytes_per_s, sends=radio.sends),
-            Ports(radio, perception, vehicle, clock_ns, log, saver, _to_all(watchers)),
+            Ports(radio, perception, vehicle, clock_ns, log, saver, _to_all(watchers), lambda: _problem(radio)),
             _settings(config, dry_run=dry_run),
         )
         if log is not None:
@@ -192,6 +197,11 @@ def _open_radio(config: VehicleConfig, sysid: int, link: Link) -> tuple[Transpor
     return UdpTransport(net.listen, net.peers, net.group or None), None
 
 
+def _problem(radio: Transport) -> str:
+    """What is wrong with a transport that can tell."""
+    return str(getattr(radio, "problem", ""))
+
+
 def _vehicle(
     prepared: Prepared,
     link: Link,
@@ -214,12 +224,12 @@ def _settings(config: VehicleConfig, *, dry_run: bool) -> Settings:
         tick_ns=int(NS_PER_S / config.loop.tick_hz),
         save_ns=int(config.state.period_s * NS_PER_S),
         dry_run=dry_run,
-        hold_on_stop=config.vehicle.on_stop == "hold",
+        on_stop=config.vehicle.on_stop,
     )
 
 
 def _make_agent(prepared: Prepared, journal: Journal, log: RotatingLog | None, now_ns: int) -> Agent:
-    allocator = Punctual(prepared.allocator, prepared.config.loop.deadline_ms / 1000, ThreadRunner())
+    allocator = punctual(prepared.allocator, prepared.config.loop.deadline_ms / 1000, ThreadRunner())
     agent = Agent(prepared.identity, prepared.config.agent, allocator, prepared.key, prepared.seq)
     restored = prepared.restored
     journal.info("saved state", now_ns, outcome=restored.outcome.value, next_seq=prepared.seq)
@@ -237,8 +247,7 @@ def _open_log(prepared: Prepared, now_ns: int) -> RotatingLog | None:
     info = describe_run(
         config.agent,
         [prepared.identity],
-        config.model.allocator,
-        model=config.model.file,
+        prepared.flown,
         first_seqs={config.robot.id: prepared.seq},
         extra={"simulated": False, "restored": prepared.restored.outcome.value},
     )

@@ -63,4 +63,21 @@ class Talk:
         return HearOutcome.TALK, data[_HEAD.size : -MAC_BYTES]
 
     def _mac(self, signed: bytes) -> bytes:
-        return hashlib.blake2b(signed, digest_size=MAC_BYTES, key=self._key, person=_PERSON).digest()
+        return _mac(signed, self._key)
+
+
+def signed_anew(data: bytes, key: bytes) -> bytes:
+    """The datagram `data` with the signature of another key."""
+    return data[:-MAC_BYTES] + _mac(data[:-MAC_BYTES], key)
+
+
+def author_of(data: bytes) -> tuple[int, int] | None:
+    """Who wrote the datagram `data`, and its sequence; None for what is none. Verifies nothing."""
+    if not _HEAD.size + MAC_BYTES < len(data) <= MAX_DATAGRAM_BYTES or data[0] != TALK:
+        return None
+    _, robot_id, seq, _ = _HEAD.unpack_from(data)
+    return robot_id, seq
+
+
+def _mac(signed: bytes, key: bytes) -> bytes:
+    return hashlib.blake2b(signed, digest_size=MAC_BYTES, key=key, person=_PERSON).digest()

@@ -1,8 +1,9 @@
 """From what an allocator proposes to what the robot does: the second stage of the paper's two, with its task keeping.
 
-The allocator proposes, this decides. A task is kept until it is reached, vanishes, becomes unreachable, or a neighbour
-with a shorter way claims it; then the robot takes what the allocator gives it, explores where that is nothing, and
-holds where nothing is left to see.
+The allocator proposes, this decides. The proposal is followed where nobody nearer claims it; the robot explores where
+there is none, and holds where nothing is left to see. A target once taken is kept to its end - until it is reached,
+vanishes, becomes unreachable, or a neighbour with a shorter way claims it - by `Rules.keep` from the first moment on,
+else once `MOST_CHANGES` were given up in a row: plans that flip between equals would never arrive anywhere.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from gatar_edge.grid import UNREACHABLE, passable, path_to, simplify
 from gatar_edge.types import Assignment, Cell, Goto, Hold, Mission, Reason, RobotKind, TaskKind, VehicleCommand
 from gatar_edge.view import View, travel_times
 
+MOST_CHANGES = 3  # targets given up since one ended, before only a nearer one is worth another change
+
 
 @dataclass(frozen=True, slots=True)
 class Task:
@@ -26,6 +29,13 @@ class Task:
     kind: TaskKind = TaskKind.HOLD
     cell: Cell = (-1, -1)
     path: tuple[Cell, ...] = ()
+    changes: int = 0  # targets given up since one ended
+
+    def followed_by(self, assignment: Assignment, *, given_up: bool) -> Task:
+        """The next task; `given_up` says that this one's target is still to be had."""
+        ended = self.kind is TaskKind.TARGET and not given_up and assignment.cell != self.cell
+        changes = 0 if ended else self.changes + given_up
+        return Task(assignment.kind, assignment.cell, assignment.path, changes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,11 +49,12 @@ class Rules:
 def decide(view: View, allocation: Allocation, task: Task, rules: Rules) -> Assignment:
     """What ego (row 0 of the view) does now."""
     taken = contested(view)
-    if rules.keep and task.kind is TaskKind.TARGET:
-        index = _index_of(view, task.cell)
-        if index != NO_TARGET and view.lengths[0, index] != UNREACHABLE and not taken[index]:
-            return _assign(view, TaskKind.TARGET, task.cell, Reason.KEPT, task, allocation)
     index = proposed(view, allocation, taken)
+    held = _index_of(view, task.cell) if task.kind is TaskKind.TARGET else NO_TARGET
+    if held != NO_TARGET and view.lengths[0, held] != UNREACHABLE and not taken[held]:
+        nearer = index != NO_TARGET and view.lengths[0, index] < view.lengths[0, held]
+        if rules.keep or (task.changes >= MOST_CHANGES and not nearer):
+            index = held
     if index != NO_TARGET:
         cell = _cell(view, index)
         reason = Reason.KEPT if task.kind is TaskKind.TARGET and task.cell == cell else Reason.ALLOCATED
@@ -59,12 +70,13 @@ def decide(view: View, allocation: Allocation, task: Task, rules: Rules) -> Assi
 
 def contested(view: View) -> npt.NDArray[np.bool_]:
     """Targets that another robot of the view is on its way to, and nearer (ties by id): bool [M]."""
-    times = travel_times(view)
     taken = np.zeros(len(view.targets), dtype=np.bool_)
+    times = travel_times(view)
     ego = view.robots[0]
+    index_of = {(x, y): index for index, (x, y) in enumerate(view.targets.tolist())}
     for row, robot in enumerate(view.robots[1:], start=1):
-        index = _index_of(view, robot.task_cell) if robot.task is TaskKind.TARGET else NO_TARGET
-        if index != NO_TARGET and (times[row, index], robot.robot_id) < (times[0, index], ego.robot_id):
+        index = index_of.get(robot.task_cell) if robot.task is TaskKind.TARGET else None
+        if index is not None and (times[row, index], robot.robot_id) < (times[0, index], ego.robot_id):
             taken[index] = True
     return taken
 

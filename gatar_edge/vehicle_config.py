@@ -20,6 +20,7 @@ from gatar_edge.types import GridSpec, RobotKind
 
 MAX_CONFIG_BYTES = 1_000_000
 
+_AGENT = AgentConfig()
 _Side = Annotated[int, Meta(ge=1, le=1024)]
 _Latitude = Annotated[float, Meta(ge=-89, le=89)]
 _Longitude = Annotated[float, Meta(ge=-180, le=180)]
@@ -50,16 +51,16 @@ class GridSection(_Section, frozen=True, kw_only=True):
 
 
 class TeamSection(_Section, frozen=True, kw_only=True):
-    """What else all robots of the team must agree on: the fields of `config.AgentConfig`."""
+    """What else all robots of the team must agree on: the fields of `config.AgentConfig`, with its defaults."""
 
-    r_sense: _Positive = 4.0
-    r_comm: _Positive = 6.0
-    hop_limit: Annotated[int, Meta(ge=1, le=8)] = 2
-    max_age_s: _Positive = 3.0
-    perception_max_age_s: _Positive = 3.0
-    keep_task: bool = True
-    max_neighbors: Annotated[int, Meta(ge=1, le=63)] = 63
-    max_candidates: Annotated[int, Meta(ge=1, le=1024)] = 64
+    r_sense: _Positive = _AGENT.r_sense
+    r_comm: _Positive = _AGENT.r_comm
+    hop_limit: Annotated[int, Meta(ge=1, le=8)] = _AGENT.hop_limit
+    max_age_s: _Positive = _AGENT.max_age_s
+    perception_max_age_s: _Positive = _AGENT.perception_max_age_s
+    keep_task: bool = _AGENT.keep_task
+    max_neighbors: Annotated[int, Meta(ge=1, le=63)] = _AGENT.max_neighbors
+    max_candidates: Annotated[int, Meta(ge=1, le=1024)] = _AGENT.max_candidates
 
 
 class ModelSection(_Section, frozen=True, kw_only=True):
@@ -83,6 +84,8 @@ class NetSection(_Section, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         if self.transport == "udp" and not self.peers and not self.group:
             raise ValueError("nobody to talk to: give `peers` (a list of host:port) or a multicast `group`")
+        if self.transport == "zenoh" and self.listen and "/" not in self.listen:
+            raise ValueError(f"`listen` {self.listen!r} is no zenoh endpoint: tcp/0.0.0.0:7447, tls/..., or empty")
         if self.transport != "udp" and self.group:
             raise ValueError(f"`group` is of transport udp, not {self.transport}")
 
@@ -96,8 +99,10 @@ class VehicleSection(_Section, frozen=True, kw_only=True):
     altitude_band_m: tuple[float, float] = (2.0, 120.0)  # outside of it nothing is commanded
     fence: list[tuple[_Latitude, _Longitude]] = field(default_factory=list)  # corners; empty: the grid's rectangle
     drive: Literal["mission", "guided"] = "mission"  # how a UGV is driven
-    launch: Literal["armed", "auto"] = "armed"  # take over when a person has armed it, or arm it oneself
-    on_stop: Literal["hold", "leave"] = "hold"  # what SIGTERM does: stop the vehicle, or leave it to its last order
+    launch: Literal["armed", "auto"] = "armed"  # take over, and take off, once a person has armed it; or arm it oneself
+    min_separation_m: Annotated[float, Meta(ge=0, le=1000)] = 0.0  # UGVs: rest no nearer to another; 0: not asked
+    # what SIGTERM does: stop the vehicle, let a UAV return to launch, or leave it to its last order
+    on_stop: Literal["hold", "return", "leave"] = "hold"
 
     def __post_init__(self) -> None:
         if self.fence and len(self.fence) < 3:
@@ -170,6 +175,9 @@ class VehicleConfig(_Section, frozen=True, kw_only=True):
             )
         if self.vehicle.sysid == 0 and self.robot.id > 255:
             raise ValueError(f"robot.id {self.robot.id} is no MAVLink system id: give vehicle.sysid")
+
+        if self.vehicle.on_stop == "return" and self.kind is RobotKind.UGV:
+            raise ValueError('vehicle.on_stop "return" is for UAVs: a UGV would drive home straight through obstacles')
 
     @property
     def speed_cells_s(self) -> float:

@@ -6,13 +6,17 @@ from collections.abc import Callable
 from typing import Literal, Protocol
 
 from gatar_edge.bridge.driver import VehicleDriver
-from gatar_edge.bridge.safety import Refusal
+from gatar_edge.bridge.safety import Neighbor, Refusal
 from gatar_edge.bridge.status import EventKind, Status
 from gatar_edge.journal import Journal
 from gatar_edge.types import Hold, VehicleCommand, VehicleState
 
 _QUIET = {EventKind.COMMAND, EventKind.STATUS, EventKind.RATES}  # in the log alone, not in the journal
-_ELSEWHERE = {Refusal.OUTSIDE_FENCE.value, Refusal.OUTSIDE_GRID.value}  # refusals that hold for this goal alone
+_ELSEWHERE = {
+    Refusal.OUTSIDE_FENCE.value,
+    Refusal.OUTSIDE_GRID.value,
+    Refusal.SEPARATION.value,
+}  # refusals that hold for this goal alone
 STANDS_M_S = 0.3
 
 
@@ -63,6 +67,10 @@ class AutopilotPort:
         self._outside = isinstance(sent, Hold) and sent.reason in _ELSEWHERE
         return sent
 
+    def neighbors(self, positions: tuple[Neighbor, ...]) -> None:
+        """Where other robots are that it must keep away from."""
+        self.driver.neighbors(positions)
+
     def failed(self) -> bool:
         """Whether the vehicle cannot go where it was last told to: that goal is another robot's."""
         return self._outside or self.driver.status.failed
@@ -96,6 +104,10 @@ class AutopilotPort:
         """Whether the vehicle stands still on our order, or does not obey us anyway."""
         state = self.driver.state(now_ns)
         return not state.ready or (state.speed_m_s < STANDS_M_S and self.driver.status is Status.HOLDING)
+
+    def return_home(self, now_ns: int) -> bool:
+        """Let it return to launch; true once it does, or does not obey us anyway."""
+        return self.driver.return_home(now_ns)
 
     def enable(self, now_ns: int) -> None:
         """Command again after the pilot had control."""

@@ -15,7 +15,7 @@ from gatar_edge.sim_sitl.orders import Result
 from gatar_edge.sim_sitl.parameters import ARDUCOPTER as COPTER_PARAMETERS
 from gatar_edge.sim_sitl.parameters import ARDUROVER as ROVER_PARAMETERS
 from gatar_edge.sim_sitl.telemetry import COMMON as COMMON_STREAMS
-from gatar_edge.sim_sitl.telemetry import Stream, ekf_status_report, gps_global_origin, home_position
+from gatar_edge.sim_sitl.telemetry import Stream, ekf_status_report, home_position, take_origin
 from gatar_edge.sim_sitl.vehicle import Goal
 from gatar_edge.sim_sitl.wire import Message
 
@@ -83,10 +83,8 @@ class ArduPilot:
         elif name == "SET_MODE":
             changed = message.base_mode & 1 and change_mode(core, message.custom_mode)
             core.emit("COMMAND_ACK", command=11, result=int(Result.ACCEPTED if changed else Result.FAILED))
-        elif name == "SET_GPS_GLOBAL_ORIGIN":  # it has one from its GPS; the answer is that one
-            origin = gps_global_origin(core)
-            if origin is not None:
-                core.emit("GPS_GLOBAL_ORIGIN", **origin)
+        elif name == "SET_GPS_GLOBAL_ORIGIN":
+            take_origin(core, message)
 
     def parameter_changed(self, core: Core, name: str) -> None:
         """Take a new parameter into use."""

@@ -118,6 +118,7 @@ class Core:
         self.params = ParameterStore(stack.parameters, stack.bytewise_parameters)
         self.home = Goal(0.0, 0.0, 0.0)
         self.home_set = self.ready = False
+        self.given_origin: tuple[int, int, int] | None = None  # lat, lon in 1e-7 degrees, mm: told before the GPS told
         self.user_blocked: Blocked = blocked or (lambda east_m, north_m: False)
         self.fence_blocks: Blocked | None = None
         self.fence_action: Callable[[Core], None] | None = None

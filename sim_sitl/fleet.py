@@ -20,6 +20,7 @@ from gatar_edge.config import AgentConfig
 from gatar_edge.foxglove import Level
 from gatar_edge.keys import DEMO_KEY
 from gatar_edge.record import Recorder
+from gatar_edge.separation import occupied
 from gatar_edge.sim_sitl.body import Body, StackName
 from gatar_edge.sim_sitl.faults import Faults
 from gatar_edge.sim_sitl.faulty_link import End, FaultyLink
@@ -50,6 +51,7 @@ class FleetConfig:
     speed_m_s: float = 5.0
     altitude_m: float = 15.0
     altitude_step_m: float = 2.0  # every UAV has its own layer
+    min_separation_m: float = 0.0  # between ground robots at rest; 0: not asked
     physics_s: float = 0.1
     tick_s: float = 0.5
     launch_timeout_s: float = 120.0
@@ -89,6 +91,7 @@ class Robot:
                 sysid=self.robot_id,
                 altitude_m=config.altitude_m + index * config.altitude_step_m,
                 speed_m_s=config.speed_m_s,
+                min_separation_m=config.min_separation_m,
             ),
             0,
         )
@@ -256,6 +259,8 @@ class Fleet:
             start_ns = time.perf_counter_ns()
             out = robot.agent.tick(its_ns, Inbox(seen))
             latency_ns = time.perf_counter_ns() - start_ns
+            heard = robot.agent.neighbors.fresh(now_ns, cell)
+            robot.driver.neighbors(occupied(robot.robot_id, robot.kind, heard, self.config.agent.grid))
             sent = robot.driver.command(out.command, now_ns)
             self.tally.decided(out.decision, latency_ns)
             decisions.append(out.decision)

@@ -12,7 +12,7 @@ from gatar_edge.sim_sitl.parameters import PX4 as PARAMETERS
 from gatar_edge.sim_sitl.px4_commands import Offboard, change_mode, commands
 from gatar_edge.sim_sitl.px4_mission import RULES, Px4Runner, mission_current
 from gatar_edge.sim_sitl.telemetry import COMMON as COMMON_STREAMS
-from gatar_edge.sim_sitl.telemetry import Stream, extended_sys_state, home_position
+from gatar_edge.sim_sitl.telemetry import Stream, extended_sys_state, home_position, take_origin
 from gatar_edge.sim_sitl.vehicle import Goal
 from gatar_edge.sim_sitl.wire import Message
 
@@ -74,6 +74,8 @@ class Px4:
         name = message.get_type()
         if name == "SET_POSITION_TARGET_GLOBAL_INT":
             self.offboard.receive(core, message)
+        elif name == "SET_GPS_GLOBAL_ORIGIN":
+            take_origin(core, message)
         elif name == "SET_MODE":
             mode = MODES.get(message.custom_mode)
             if mode is not None:

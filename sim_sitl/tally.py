@@ -10,8 +10,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from gatar_edge.sim_sitl.world import World, reachable_targets
-from gatar_edge.types import Cell, Decision, RobotKind, TaskKind
+from gatar_edge.sim_sitl.world import World, reachable_cells, reachable_targets
+from gatar_edge.types import BoolGrid, Cell, Decision, RobotKind, TaskKind
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class Result:
     distance: dict[str, float]  # cells travelled by all UAVs, all UGVs
     retasks: int
     duplicates: int  # decisions of one step in which two robots went for one target, counted once a pair and step
-    unreachable: int  # assignments to a target that the robot could never reach on the true map
+    unreachable: int  # decisions for a target that the robot could never reach on the true map
     messages: int
     message_bytes: int
     fallbacks: int
@@ -107,12 +107,14 @@ class Tally:
     latencies_ns: list[int] = field(default_factory=list)
     _digest: Any = field(default_factory=hashlib.sha256)
     _open: set[Cell] = field(init=False)
+    _reached: dict[int, BoolGrid] = field(init=False)  # by robot id
     reachable: int = field(init=False)
 
     def __post_init__(self) -> None:
         cells = reachable_targets(self.world)
         self._open = {(int(x), int(y)) for x, y in cells}
         self.reachable = len(self._open)
+        self._reached = {robot_id: reachable_cells(self.world, robot_id) for robot_id in self.world.team.ids}
 
     @property
     def left(self) -> int:
@@ -141,6 +143,8 @@ class Tally:
         self.latencies_ns.append(latency_ns)
         self.retasks += decision.retask
         self.fallbacks += bool(decision.fallback)
+        if decision.assignment.kind is TaskKind.TARGET:
+            self.unreachable += not self._reached[decision.robot_id][decision.assignment.cell]
         self._digest.update(msgspec.json.encode(decision, order="deterministic"))
 
     def decided_together(self, decisions: list[Decision]) -> None:

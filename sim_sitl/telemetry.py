@@ -10,6 +10,7 @@ from typing import Any
 from gatar_edge.sim_sitl.core import Core
 from gatar_edge.sim_sitl.modes import Does
 from gatar_edge.sim_sitl.vehicle import Goal
+from gatar_edge.sim_sitl.wire import Message
 from gatar_edge.types import NS_PER_S
 
 Fields = dict[str, Any]
@@ -143,14 +144,24 @@ def home_position(core: Core) -> Fields | None:
 
 
 def gps_global_origin(core: Core) -> Fields | None:
-    """None before the EKF has an origin."""
-    if not core.home_set:
+    """None before the EKF has an origin, from its GPS or from SET_GPS_GLOBAL_ORIGIN."""
+    config, given = core.config, core.given_origin
+    by_gps = (
+        round(config.home_lat_deg * 1e7), round(config.home_lon_deg * 1e7), round(config.home_alt_m * 1000)
+    )  # fmt: skip
+    origin = given or (by_gps if core.home_set else None)
+    if origin is None:
         return None
-    config = core.config
     return {
-        "latitude": round(config.home_lat_deg * 1e7), "longitude": round(config.home_lon_deg * 1e7),
-        "altitude": round(config.home_alt_m * 1000), "time_usec": core.uptime_ms * 1000,
+        "latitude": origin[0], "longitude": origin[1], "altitude": origin[2], "time_usec": core.uptime_ms * 1000
     }  # fmt: skip
+
+
+def take_origin(core: Core, message: Message) -> None:
+    """SET_GPS_GLOBAL_ORIGIN: taken where there is none yet; the answer is the one in use."""
+    if gps_global_origin(core) is None:
+        core.given_origin = (message.latitude, message.longitude, message.altitude)
+    core.emit("GPS_GLOBAL_ORIGIN", **(gps_global_origin(core) or {}))
 
 
 def position_target_global_int(core: Core) -> Fields | None:

@@ -130,10 +130,17 @@ def observe(world: World, robot_id: int, cell: Cell, r_sense: float, t_ns: int) 
     )
 
 
+def reachable_cells(world: World, robot_id: int) -> BoolGrid:
+    """Where one robot can ever get from its start: bool [W, H]."""
+    kind, start = world.team.kinds[robot_id - 1], world.starts[robot_id - 1]
+    free = np.ones(world.shape, dtype=np.bool_) if kind is RobotKind.UAV else ~world.obstacles
+    reached: BoolGrid = path_lengths(kind, start, free) != UNREACHABLE
+    return reached
+
+
 def reachable_targets(world: World) -> Cells:
     """Targets that at least one robot of the team can reach from its start: int16 [m, 2]."""
     reached = np.zeros(world.shape, dtype=np.bool_)
-    for kind, start in zip(world.team.kinds, world.starts, strict=True):
-        free = np.ones(world.shape, dtype=np.bool_) if kind is RobotKind.UAV else ~world.obstacles
-        reached |= path_lengths(kind, start, free) != UNREACHABLE
+    for robot_id in world.team.ids:
+        reached |= reachable_cells(world, robot_id)
     return world.targets[reached[world.targets[:, 0], world.targets[:, 1]]]

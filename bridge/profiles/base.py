@@ -51,10 +51,13 @@ class Profile:
     item_frame: int
     item_read_back_frames: frozenset[int]  # `item_frame` may be downloaded as any of these
     set_current: SetCurrent
+    mission_capacity: int  # waypoints it takes, slot 0 not counted
+    bytewise_parameters: bool  # PARAM_VALUE holds the bits of an integer; else the integer as a float
     # modes, as custom_mode
     guided_mode: int
     mission_mode: int
     hold_mode: int
+    return_mode: int  # back to where it was launched
     arm_modes: frozenset[int]  # armable as it stands; elsewhere `guided_mode` is set first
     own_transitions: frozenset[tuple[int, int]]  # (from, to): mode changes that the vehicle makes by itself
     hold_by: HoldBy

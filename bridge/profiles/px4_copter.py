@@ -6,7 +6,7 @@ import math
 from types import MappingProxyType
 
 from gatar_edge.bridge.profiles.base import HoldBy, Profile, SetCurrent, Takeoff
-from gatar_edge.bridge.profiles.px4_modes import LOITER, MISSION, MODES, TAKEOFF
+from gatar_edge.bridge.profiles.px4_modes import LOITER, MISSION, MODES, RTL, TAKEOFF
 from gatar_edge.bridge.wire import AUTOPILOT_PX4, Frame
 from gatar_edge.types import RobotKind
 
@@ -22,9 +22,12 @@ PROFILE = Profile(
     item_frame=Frame.GLOBAL_RELATIVE_ALT_INT,
     item_read_back_frames=frozenset({Frame.GLOBAL_RELATIVE_ALT_INT, Frame.GLOBAL_RELATIVE_ALT}),
     set_current=SetCurrent.MESSAGE_AFTER_TOTAL,
+    mission_capacity=10000,
+    bytewise_parameters=True,
     guided_mode=LOITER,  # DO_REPOSITION needs neither OFFBOARD nor a stream of setpoints
     mission_mode=MISSION,
     hold_mode=LOITER,
+    return_mode=RTL,
     arm_modes=frozenset({LOITER, TAKEOFF}),
     own_transitions=frozenset({(TAKEOFF, LOITER), (LOITER, TAKEOFF), (MISSION, LOITER)}),
     hold_by=HoldBy.REPOSITION,

@@ -6,7 +6,7 @@ import math
 from types import MappingProxyType
 
 from gatar_edge.bridge.profiles.base import HoldBy, Profile, SetCurrent, Takeoff
-from gatar_edge.bridge.profiles.px4_modes import LOITER, MANUAL, MISSION, MODES
+from gatar_edge.bridge.profiles.px4_modes import LOITER, MANUAL, MISSION, MODES, RTL
 from gatar_edge.bridge.wire import AUTOPILOT_PX4, Frame
 from gatar_edge.types import RobotKind
 
@@ -22,9 +22,12 @@ PROFILE = Profile(
     item_frame=Frame.GLOBAL_RELATIVE_ALT_INT,
     item_read_back_frames=frozenset({Frame.GLOBAL_RELATIVE_ALT_INT, Frame.GLOBAL_RELATIVE_ALT}),
     set_current=SetCurrent.MESSAGE_AFTER_TOTAL,  # DO_SET_MISSION_CURRENT is UNSUPPORTED
+    mission_capacity=10000,
+    bytewise_parameters=True,
     guided_mode=LOITER,
     mission_mode=MISSION,
     hold_mode=LOITER,
+    return_mode=RTL,
     arm_modes=frozenset({MANUAL, LOITER}),  # it may arm before the mode
     own_transitions=frozenset({(MISSION, LOITER)}),  # after its last item
     hold_by=HoldBy.MODE,

@@ -31,6 +31,8 @@ _ENTRY = struct.Struct(">HIHB")  # robot_id, version, age_ms, stops
 _STOP = struct.Struct(">hhI")  # cell, bid
 _MS = NS_PER_S // 1000
 
+Seconds = npt.NDArray[np.float64]
+
 
 @dataclass(frozen=True, slots=True)
 class Bundle:
@@ -114,21 +116,37 @@ def build_bundle(view: View, to_beat: list[tuple[int, int]]) -> tuple[tuple[Cell
     path: list[int] = []
     bids: dict[int, int] = {}
     while len(path) < BUNDLE:
-        worth = _worth(path, first, legs)
-        found: tuple[int, int, list[int]] | None = None
-        for target in range(len(view.targets)):
-            if target in bids or not np.isfinite(first[target]):
-                continue
-            longer = [[*path[:place], target, *path[place:]] for place in range(len(path) + 1)]
-            best = max(longer, key=lambda stops: _worth(stops, first, legs))
-            bid = min(int((_worth(best, first, legs) - worth) * _UNIT), _UNIT)
-            if bid > 0 and (bid, -ego.robot_id) > to_beat[target] and (found is None or bid > found[0]):
-                found = (bid, target, best)
-        if found is None:
+        gains, places = _gains(path, first, legs)
+        offers = (gains * _UNIT).astype(np.int64).tolist()
+        open_to_ego = [
+            target
+            for target, offer in enumerate(offers)
+            if offer > 0 and target not in bids and (offer, -ego.robot_id) > to_beat[target]
+        ]
+        if not open_to_ego:
             break
-        path = found[2]
-        bids[found[1]] = found[0]
+        best = max(open_to_ego, key=offers.__getitem__)
+        path.insert(int(places[best]), best)
+        bids[best] = offers[best]
     return tuple(((int(view.targets[stop, 0]), int(view.targets[stop, 1])), bids[stop]) for stop in path)
+
+
+def _gains(path: list[int], first: Seconds, legs: Seconds) -> tuple[Seconds, npt.NDArray[np.int64]]:
+    """What each target adds to the worth of a path where it fits best, and that place: [M] both."""
+    arrivals: list[float] = []
+    for before, stop in zip([-1, *path], path, strict=False):
+        arrivals.append(float(first[stop]) if before < 0 else arrivals[-1] + float(legs[before, stop]))
+    best, places = np.zeros(len(first)), np.zeros(len(first), dtype=np.int64)
+    for place in range(len(path) + 1):
+        reach = first if place == 0 else arrivals[place - 1] + legs[path[place - 1]]
+        gain = DISCOUNT**reach
+        if place < len(path):
+            delay = reach + legs[:, path[place]] - arrivals[place]
+            for arrival in arrivals[place:]:
+                gain = gain + DISCOUNT ** (arrival + delay) - DISCOUNT**arrival
+        better = gain > best
+        best, places = np.where(better, gain, best), np.where(better, place, places)
+    return best, places
 
 
 def decoded(payload: bytes, now_ns: int) -> list[Bundle]:
@@ -146,16 +164,6 @@ def decoded(payload: bytes, now_ns: int) -> list[Bundle]:
             born_ns = now_ns - age_ms * _MS
             bundles.append(Bundle(robot_id, version, born_ns, tuple(((x, y), bid) for x, y, bid in stops)))
     return bundles
-
-
-def _worth(path: list[int], first: npt.NDArray[np.float64], legs: npt.NDArray[np.float64]) -> float:
-    """Worth of visiting targets in this order."""
-    now, worth, before = 0.0, 0.0, -1
-    for stop in path:
-        now = float(first[stop]) if before < 0 else now + float(legs[before, stop])
-        worth += DISCOUNT**now
-        before = stop
-    return worth
 
 
 def _later(version: int, than: int) -> bool:

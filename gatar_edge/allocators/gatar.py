@@ -18,7 +18,7 @@ from gatar_edge.config import AgentConfig
 from gatar_edge.features import features
 from gatar_edge.grid import UNREACHABLE
 from gatar_edge.manifest import check_config
-from gatar_edge.policy import DEFAULT_MODEL, Policy
+from gatar_edge.policy import Policy
 from gatar_edge.types import CellState, Floats
 from gatar_edge.view import View
 
@@ -32,7 +32,7 @@ class Gatar:
 
     name = "gatar"
 
-    def __init__(self, model: Path = DEFAULT_MODEL, config: AgentConfig | None = None) -> None:
+    def __init__(self, model: Path | None = None, config: AgentConfig | None = None) -> None:
         self.policy = Policy(model)
         if config is not None:
             check_config(self.policy.manifest, config, self.policy.path.name)

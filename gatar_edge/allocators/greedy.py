@@ -12,18 +12,19 @@ from gatar_edge.view import View, travel_times
 def greedy_pairs(times: npt.NDArray[np.float64]) -> Choices:
     """Shortest time first over `times` [N, M] (inf: impossible); ties by row, then column: int32 [N]."""
     robots, targets = times.shape
-    choices = np.full(robots, NO_TARGET, dtype=np.int32)
-    taken = np.zeros(targets, dtype=np.bool_)
+    choices = [NO_TARGET] * robots
+    taken = [False] * targets
+    pairs = np.argsort(times, axis=None, kind="stable")
+    rows, columns = np.divmod(pairs[: int(np.isfinite(times).sum())], targets)
     left = min(robots, targets)
-    for pair in np.argsort(times, axis=None, kind="stable"):
-        robot, target = divmod(int(pair), targets)
-        if left == 0 or not np.isfinite(times[robot, target]):
-            break
+    for robot, target in zip(rows.tolist(), columns.tolist(), strict=True):
         if choices[robot] == NO_TARGET and not taken[target]:
             choices[robot] = target
             taken[target] = True
             left -= 1
-    return choices
+            if left == 0:
+                break
+    return np.array(choices, dtype=np.int32)
 
 
 class Greedy:

@@ -49,7 +49,8 @@ def hears_all(name: str) -> bool:
 
 
 def _gatar(path: str) -> Make:
-    from gatar_edge.allocators.gatar import DEFAULT_MODEL, Gatar  # onnxruntime: 50 ms that no other rule needs
+    from gatar_edge.allocators.gatar import Gatar  # onnxruntime: 50 ms that no other rule needs
+    from gatar_edge.policy import DEFAULT_MODEL
 
     # it remembers nothing from decision to decision: one serves all robots
     network = Gatar(Path(path) if path else DEFAULT_MODEL)

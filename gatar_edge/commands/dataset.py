@@ -29,9 +29,15 @@ from gatar_edge.commands._learn import bar, need
 )
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True)
 def command(
-    teams: tuple[str, ...], sizes: tuple[int, ...], r_comms: tuple[float, ...], r_senses: tuple[float, ...], samples: int,
-    seed: int, workers: int, out: Path,
-) -> None:  # fmt: skip
+    teams: tuple[str, ...],
+    sizes: tuple[int, ...],
+    r_comms: tuple[float, ...],
+    r_senses: tuple[float, ...],
+    samples: int,
+    seed: int,
+    workers: int,
+    out: Path,
+) -> None:
     """Make training data: episodes labelled by the central greedy expert.
 
     Goes on where an earlier call with the same options was cut off. Worlds come from the training seeds only.

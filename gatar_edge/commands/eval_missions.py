@@ -37,6 +37,7 @@ LINE_EVERY_S = 10.0
 @click.option("--r-comm", type=click.FloatRange(0, 10_000), default=6.0, show_default=True, help="Cells.")
 @click.option("--loss", type=click.FloatRange(0, 1), default=0.0, show_default=True, help="Share of messages lost.")
 @click.option("--delay-ticks", type=click.IntRange(0, 100), default=0, show_default=True, help="Of every message.")
+@click.option("--follow", is_flag=True, help="Follow the allocator at every tick; else tasks are kept, as on vehicles.")
 @click.option("--max-steps", type=click.IntRange(1, 100_000), default=500, show_default=True)
 @click.option(
     "--workers", type=click.IntRange(1, 256), default=1, show_default=True, help="Processes; changes no figure."
@@ -126,7 +127,7 @@ def table(campaign: Campaign, summary: dict[str, dict[str, Any]]) -> str:
     lines = [
         f"{campaign.missions} missions of {campaign.team}, seeds {campaign.seed}.., {place}",
         f"r_sense {campaign.r_sense:g}, r_comm {campaign.r_comm:g}, loss {campaign.loss:g}, "
-        f"delay {campaign.delay_ticks}; 95 % intervals",
+        f"delay {campaign.delay_ticks}, tasks {'follow the allocator' if campaign.follow else 'kept'}; 95 % intervals",
         f"{'allocator':<20}{'steps to 100 %':<22}{'to 90 %':<22}{'mean time':<22}{'localized':<11}against greedy",
     ]
     for name, row in summary.items():

@@ -56,8 +56,9 @@ altitude_m = {altitude}        # above home; give each UAV its own layer
 # altitude_band_m = [2.0, 120.0]
 # fence = [[47.0, 8.0], [47.0, 8.1], [47.1, 8.1]]  # corners; without it the grid's rectangle
 # drive = "mission"        # how a UGV is driven: "mission" or "guided"
-launch = {launch}          # "armed": take over when a person has armed it; "auto": arm and take off by itself
-# on_stop = "hold"         # SIGTERM stops the vehicle; "leave" leaves it to its last order
+launch = {launch}          # "armed": take over, and take off, once a person has armed it; "auto": arm it, too
+# min_separation_m = 0.0   # of ground robots: none goes to within this of another one's place; 0: not asked
+# on_stop = "hold"         # SIGTERM stops the vehicle; "return": a UAV returns to launch; "leave" leaves it to its last order
 
 [perception]
 listen = {perception}  # or "unix:/run/gatar/perception.sock"; format: docs/observation.schema.json

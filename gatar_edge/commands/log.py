@@ -200,6 +200,61 @@ def export(log: Path, csv_folder: Path | None, tlog_folder: Path | None) -> None
                 click.echo(f"{folder / name}: {count}")
 
 
+@command.command()
+@LOG
+@click.option("--from", "from_s", type=float, default=0.0, show_default=True, help="Seconds since the first decision.")
+@click.option("--drop-robot", "drop", type=int, multiple=True, help="Number of a robot to leave out; may be repeated.")
+@click.option("--r-comm", type=click.FloatRange(0), help="Another range of the radio, in cells.")
+@click.option("--allocator", help="Another allocator.")
+@AS_JSON
+def whatif(
+    log: Path, from_s: float, drop: tuple[int, ...], r_comm: float | None, allocator: str | None, as_json: bool
+) -> None:
+    """Go on from a moment of a simulated mission, as it was and changed, and compare the two.
+
+    \b
+    Example:
+      gatar log whatif mission.mcap --from 30 --drop-robot 4 --r-comm 3
+    """
+    from gatar_edge.allocators.registry import make
+    from gatar_edge.review.models import allocator_for
+    from gatar_edge.review.reader import LogReader
+    from gatar_edge.review.tables import print_comparison
+    from gatar_edge.review.whatif import Change, what_if
+
+    reader = LogReader(log)
+    flown, _ = allocator_for(reader.run_info(), None, None)
+    change = Change(from_s, drop, r_comm, None if allocator is None else make(allocator))
+    result = what_if(reader, flown, change)
+    if as_json:
+        _print_json(result)
+    else:
+        print_comparison(result)
+
+
+@command.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True, help="0 takes a free one.")
+@click.option("--host", default="127.0.0.1", show_default=True, help="0.0.0.0 lets others on the network look.")
+def serve(folder: Path, port: int, host: str) -> None:
+    """Show the runs of a folder in the browser; a mission that is being recorded is shown live.
+
+    \b
+    Example:
+      gatar log serve runs/
+    """
+    from gatar_edge.review.serve import open_server
+
+    server = open_server(folder, host, port)
+    click.echo(f"http://{host}:{server.server_port}/ shows {folder}; ctrl-c ends")
+    try:
+        server.serve_forever()
+    except KeyboardInterrupt:
+        click.echo("stopped")
+    finally:
+        server.server_close()
+
+
 def _print_json(value: Any) -> None:
     import json
 

@@ -148,11 +148,11 @@ def open_fleet(
     config: FleetConfig, allocator: str, log_path: Path | None, gateway: Gateway | None = None
 ) -> Iterator[Fleet]:
     """The fleet with its log, which is closed however the mission ends."""
-    from gatar_edge.allocators.registry import make
+    from gatar_edge.campaign import factory as factory_of
     from gatar_edge.record import Recorder
     from gatar_edge.sim_sitl.fleet import Fleet
 
-    factory = make(allocator)
+    factory = factory_of(allocator)
     log = Recorder(log_path, run_info(config, allocator), 0) if log_path is not None else None
     fleet = Fleet(config, factory, log, gateway)
     try:

@@ -19,10 +19,8 @@ from gatar_edge.errors import ConfigError
     "--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Run folder; goes on if cut off."
 )
 @click.option("--minutes", type=float, default=0.0, help="Stop after so long.")
-@click.option(
-    "--epochs", type=float, default=0.0, help="Stop after so many views of the data; the same weights everywhere."
-)
-@click.option("--steps", type=int, default=0, help="Stop after so many batches; the same weights everywhere.")
+@click.option("--epochs", type=float, default=0.0, help="Stop after so many views of the data; the same weights again.")
+@click.option("--steps", type=int, default=0, help="Stop after so many batches; the same weights again.")
 @click.option("--batch", type=click.IntRange(1, 65536), default=64, show_default=True, help="Views a step.")
 @click.option("--rate", type=float, default=2e-3, show_default=True, help="Largest learning rate.")
 @click.option("--seed", type=int, default=0, show_default=True)
@@ -40,17 +38,13 @@ def command(
       gatar train --network gatar --data data/greedy --epochs 1 --set 'maps=false' --out runs/without-maps
     """
     need("gatar train", "torch", "safetensors", "numba")
-    import torch
-
     from gatar_edge.learn.dataset import load_manifest
     from gatar_edge.learn.train import Progress, Trainer, TrainOptions
 
-    torch.set_num_threads(threads)
     if epochs > 0:
         steps = max(1, round(epochs * load_manifest(data)["samples"] / batch))
     options = TrainOptions(
-        network, str(data), seed, minutes, steps, batch, rate, settings=_parsed(settings),
-        warm_up=200,
+        network, str(data), seed, minutes, steps, batch, rate, threads=threads, settings=_parsed(settings),
     )  # fmt: skip
     trainer = Trainer(options, out)
     with bar("train", "") as show:

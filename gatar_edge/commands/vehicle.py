@@ -24,8 +24,8 @@ import click
 def command(config_path: Path, check: bool, dry_run: bool, verbose: bool) -> None:
     """Run the daemon of one vehicle: it hears its autopilot, its perception and its neighbours, decides, and commands.
 
-    Ends on SIGTERM or SIGINT, with the vehicle holding (vehicle.on_stop). SIGUSR1 takes the vehicle back after a pilot
-    has taken over. What happens when something fails is told in docs/failsafe.md.
+    Ends on SIGTERM or SIGINT, with the vehicle holding, or as vehicle.on_stop says. SIGUSR1 takes the vehicle back
+    after a pilot has taken over. What happens when something fails is told in docs/failsafe.md.
 
     \b
     Example:

@@ -24,7 +24,11 @@ def command(model: Path, as_json: bool) -> None:
       gatar verify models/gatar-greedy.onnx
     """
     need("gatar verify", "torch", "safetensors", "onnx", extra="export")
+    import torch
+
     from gatar_edge.export.verify import verify
+
+    torch.set_num_threads(1)  # tiny matrices: more threads only wait for each other
 
     with bar("verify", "") as show:
         proof = verify(model, show)
@@ -33,7 +37,8 @@ def command(model: Path, as_json: bool) -> None:
     elif proof.ok:
         click.echo(
             f"{proof.model}: equal in {proof.states} states of {proof.robots[0]} to {proof.robots[1]} robots, "
-            f"{proof.decisions} decisions; largest difference {proof.max_difference:.1e} (tolerance {proof.tolerance:.0e})"
+            f"{proof.decisions} decisions; largest difference {proof.max_difference:.1e} "
+            f"(tolerance {proof.tolerance:.0e})"
         )
     else:
         click.echo(f"{proof.model}: {proof.error}", err=True)

@@ -3,7 +3,8 @@
 One shard holds `STEPS` team-steps of one team and one size of world:
 
     beliefs.npy  uint8 [S, N, ceil(3 W H / 8)]   what each robot knows, three bits a cell
-    robots.npy   uint8 [S, N, 5]                 x, y, label x, label y (255: none), flags (1: label is knowable)
+    robots.npy   uint8 [S, N, 8]                 x, y, label x, label y (255: none), flags (1: label is knowable),
+                                                 task x, task y (255: none), speed in sixteenths of a cell a step
     steps.npy    structured [S]                  seed of the world, step, r_comm, driver
 
 A shard depends on the options and its number alone, so any number of workers makes the same ones, and a run that was
@@ -29,7 +30,7 @@ import numpy.typing as npt
 from gatar_edge.errors import ConfigError
 from gatar_edge.sim_sitl.world import TRAINING_SEEDS, Team, random_world
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 STEPS = 1024  # team-steps in a shard
 MANIFEST = "manifest.json"
 FILES = ("beliefs.npy", "robots.npy", "steps.npy")
@@ -38,6 +39,7 @@ WORLDS_PER_SHARD = 4096  # seeds set aside for one shard
 SHARDS_PER_SEED = 1_000_000
 LONGEST_EPISODE = 120  # steps; an exploration that finds nothing more is cut here
 DRIVERS = (0, 0, 0, 1, 1, 2)  # drawn per episode: expert 1/2, own view 1/3, expert with slips 1/6
+SPEEDS = ((1.0, 1.0),) * 4 + ((1.0, 0.5), (2.0, 1.0))  # of UAV and UGV in cells a step, drawn per episode
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +76,8 @@ class DataOptions:
 
     def shard_numbers(self) -> list[int]:
         """As many shards as give the samples."""
-        numbers, have = [], 0
+        numbers: list[int] = []
+        have = 0
         while have < self.samples:
             numbers.append(len(numbers))
             have += STEPS * len(self.shard_kind(numbers[-1])[0].kinds)
@@ -88,7 +91,7 @@ def make_shard(options: DataOptions, number: int) -> tuple[npt.NDArray[np.uint8]
     team, size = options.shard_kind(number)
     count = len(team.kinds)
     beliefs = np.zeros((STEPS, count, -(-3 * size * size // 8)), dtype=np.uint8)
-    robots = np.zeros((STEPS, count, 5), dtype=np.uint8)
+    robots = np.zeros((STEPS, count, 8), dtype=np.uint8)
     steps = np.zeros(STEPS, dtype=STEP_DTYPE)
     kinds = np.array(team.kinds, dtype=np.int64)
     rng = np.random.default_rng([options.seed, number])
@@ -99,9 +102,10 @@ def make_shard(options: DataOptions, number: int) -> tuple[npt.NDArray[np.uint8]
         r_comm = float(rng.choice(np.array(options.r_comms)))
         r_sense = float(rng.choice(np.array(options.r_senses)))
         driver = int(rng.choice(DRIVERS))
+        speeds = np.array(SPEEDS[int(rng.integers(len(SPEEDS)))])[kinds]
         part = np.s_[filled : min(STEPS, filled + LONGEST_EPISODE)]
         done = episode(
-            world.obstacles, world.targets.astype(np.int64), np.array(world.starts, dtype=np.int64), kinds,
+            world.obstacles, world.targets.astype(np.int64), np.array(world.starts, dtype=np.int64), kinds, speeds,
             r_sense, r_comm, options.hop_limit, driver, seed % 2**32, beliefs[part], robots[part],
         )  # fmt: skip
         here = steps[filled : filled + done]

@@ -10,19 +10,18 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from gatar_edge.learn.jit import compiled
 from gatar_edge.types import CellState
 
 UNKNOWN, FREE, OBSTACLE = int(CellState.UNKNOWN), int(CellState.FREE), int(CellState.OBSTACLE)
 TARGET, LOCALIZED = int(CellState.TARGET), int(CellState.LOCALIZED)
-_FAR = np.int32(2**30)
 _FLT_EPSILON = np.float32(1.1920929e-07)
 
 Array = npt.NDArray[Any]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def path_lengths(belief: Array, ugv: bool, x: int, y: int, out: Array, queue: Array) -> None:
     """Steps from (x, y) to every cell into `out` [W, H], -1 unreachable; `queue` holds at least W * H indices."""
     width, height = belief.shape
@@ -48,7 +47,7 @@ def path_lengths(belief: Array, ugv: bool, x: int, y: int, out: Array, queue: Ar
                 tail += 1
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def next_step(lengths: Array, gx: int, gy: int) -> tuple[int, int]:
     """First cell on a shortest way from where `lengths` is 0 to the goal; the goal itself if it is there already."""
     width, height = lengths.shape
@@ -65,7 +64,7 @@ def next_step(lengths: Array, gx: int, gy: int) -> tuple[int, int]:
     return x, y
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def field_of_view(obstacles: Array, ugv: bool, x: int, y: int, r_sense: float, out: Array, rows: Array) -> None:
     """What is seen from (x, y) into `out` bool [W, H]: a disc, and behind no obstacle for a UGV.
 
@@ -85,17 +84,17 @@ def field_of_view(obstacles: Array, ugv: bool, x: int, y: int, r_sense: float, o
         _scan_quadrant(obstacles, x, y, quadrant, r_sense, out, rows)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _rounded(value: np.float32) -> int:
     """Half away from zero, as C's roundf."""
     return int(np.floor(value + 0.5)) if value >= 0 else int(np.ceil(value - 0.5))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _scan_quadrant(obstacles: Array, x: int, y: int, quadrant: int, r_sense: float, out: Array, rows: Array) -> None:
     width, height = obstacles.shape
     sign = 1 if quadrant < 2 else -1
-    eastward = quadrant == 0 or quadrant == 2
+    eastward = quadrant in (0, 2)
     rows[0, 0], rows[0, 1], rows[0, 2] = 1, -1, 1
     top = 1
     while top > 0:
@@ -128,7 +127,7 @@ def _scan_quadrant(obstacles: Array, x: int, y: int, quadrant: int, r_sense: flo
             top += 1
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def observe(belief: Array, obstacles: Array, targets: Array, seen: Array, x: int, y: int) -> None:
     """What was seen enters the own belief, as `belief.observed` says; `targets` bool [W, H]."""
     width, height = belief.shape
@@ -145,7 +144,7 @@ def observe(belief: Array, obstacles: Array, targets: Array, seen: Array, x: int
         belief[x, y] = LOCALIZED
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def hop_counts(cells: Array, r_comm: float, hop_limit: int, out: Array) -> None:
     """Hops in the radius graph into `out` [N, N]: 0 itself, -1 beyond `hop_limit`; `cells` [N, 2]."""
     count = cells.shape[0]
@@ -167,25 +166,25 @@ def hop_counts(cells: Array, r_comm: float, hop_limit: int, out: Array) -> None:
                             break
 
 
-@njit(cache=True, nogil=True)
-def greedy(lengths: Array, out: Array) -> None:
-    """The paper's expert over `lengths` [N, M] (-1 unreachable; overwritten): shortest first, ties by row, then column."""
-    robots, targets = lengths.shape
+@compiled
+def greedy(times: Array, out: Array) -> None:
+    """The paper's expert over `times` [N, M] (inf unreachable; overwritten): shortest first, ties by row and column."""
+    robots, targets = times.shape
     out[:] = -1
     for _ in range(min(robots, targets)):
-        best, row, column = _FAR, -1, -1
+        best, row, column = np.inf, -1, -1
         for n in range(robots):
             if out[n] < 0:
                 for m in range(targets):
-                    if 0 <= lengths[n, m] < best:
-                        best, row, column = lengths[n, m], n, m
+                    if times[n, m] < best:
+                        best, row, column = times[n, m], n, m
         if row < 0:
             return
         out[row] = column
-        lengths[:, column] = -1
+        times[:, column] = np.inf
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def list_targets(belief: Array, out: Array) -> int:
     """Known targets in order of x, then y, into `out` [>= M, 2]; returns how many, at most all that fit."""
     count = 0
@@ -197,7 +196,7 @@ def list_targets(belief: Array, out: Array) -> int:
     return count
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def pack(belief: Array, out: Array) -> None:
     """Three bits a cell, lowest bit first: uint8 [W, H] -> uint8 [ceil(3 W H / 8)]."""
     out[:] = 0
@@ -211,7 +210,7 @@ def pack(belief: Array, out: Array) -> None:
             bit += 3
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def unpack(packed: Array, out: Array) -> None:
     """The inverse of `pack`."""
     bit = 0

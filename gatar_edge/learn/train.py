@@ -33,7 +33,7 @@ AHEAD = 4  # batches made in advance by the loader's thread
 
 @dataclass(frozen=True, slots=True)
 class TrainOptions:
-    """All that decides a run. Either `minutes` or `steps` ends it; only `steps` gives the same weights everywhere."""
+    """All that decides a run. Either `minutes` or `steps` ends it; only `steps` gives the same weights again."""
 
     network: str
     data: str
@@ -45,6 +45,7 @@ class TrainOptions:
     warm_up: int = 200
     weight_decay: float = 1e-4
     clip: float = 1.0
+    threads: int = 1  # of torch: how sums are split decides their last bits
     settings: dict[str, Any] = field(default_factory=dict)  # fields of the network's config
 
 
@@ -78,7 +79,7 @@ def loss_of(outputs: Any, batch: Batch) -> Tensor:
 
 def _usable(batch: Batch) -> np.ndarray[Any, np.dtype[np.int64]]:
     """Labels, without those that ego believes unreachable: the network cannot score them."""
-    valid = np.asarray(batch.inputs["valid"])
+    valid: np.ndarray[Any, Any] = batch.inputs["valid"]
     labels: np.ndarray[Any, np.dtype[np.int64]] = batch.labels
     column = np.clip(labels, 0, valid.shape[2] - 1)
     known = np.take_along_axis(valid, column[..., None], axis=2)[..., 0] > 0
@@ -99,6 +100,7 @@ class Trainer:
         self.options = options
         self.folder = folder
         self.groups, self.manifest = load_groups(Path(options.data))
+        torch.set_num_threads(options.threads)
         torch.manual_seed(options.seed)
         torch.use_deterministic_algorithms(True)
         self.network: nn.Module = build(options.network, options.settings)

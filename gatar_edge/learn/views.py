@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from gatar_edge.errors import ConfigError
 from gatar_edge.features import Inputs, ViewArrays, features_of
 from gatar_edge.learn.dataset import FILES, load_manifest
 from gatar_edge.learn.episodes import KNOWABLE, NO_LABEL
+from gatar_edge.learn.jit import compiled
 from gatar_edge.learn.kernels import TARGET, hop_counts, list_targets, path_lengths, unpack
 from gatar_edge.sim_sitl.world import Team
 
@@ -32,7 +32,7 @@ class Group:
     team: Team
     size: int
     beliefs: Array  # uint8 [S, N, bytes]
-    robots: Array  # uint8 [S, N, 5]
+    robots: Array  # uint8 [S, N, 8]
     r_comm: Array  # float32 [S]
     hop_limit: int
 
@@ -49,17 +49,19 @@ class Batch:
     inputs: Inputs
     labels: Array
     view: ViewArrays
-    chosen: Array  # uint8 [B, 5], ego's row of `Group.robots`
+    chosen: Array  # uint8 [B, 8], ego's row of `Group.robots`
 
     @property
     def knowable(self) -> Array:
         """Whether ego's label is a target that ego knows: bool [B]."""
-        return (self.chosen[:, 4] & KNOWABLE) > 0
+        known: Array = (self.chosen[:, 4] & KNOWABLE) > 0
+        return known
 
     @property
     def labelled(self) -> Array:
         """Whether the expert gave ego a target: bool [B]."""
-        return self.chosen[:, 2] != NO_LABEL
+        given: Array = self.chosen[:, 2] != NO_LABEL
+        return given
 
 
 def load_groups(folder: Path) -> tuple[list[Group], dict[str, Any]]:
@@ -104,24 +106,30 @@ def batch_of(group: Group, indices: Array) -> Batch:
     labels[labels == MAX_CANDIDATES] = listed
     present = rows >= 0
     taken = np.maximum(rows, 0)
-    cells = np.take_along_axis(robots[..., :2].astype(np.int64), taken[..., None], axis=1)
-    cells[~present] = 0
+    robots = np.take_along_axis(robots.astype(np.int64), taken[..., None], axis=1)
+    robots[~present] = 0
+    tasks = robots[..., 5:7]
+    tasks[tasks == NO_LABEL] = -1
     view = ViewArrays(
-        belief=belief, distances=np.ascontiguousarray(distances), robots=cells, kinds=kinds[taken],
-        speeds=np.ones(rows.shape, dtype=np.float32), ids=np.where(present, rows + 1, 1000),
-        tasks=np.full((*rows.shape, 2), -1, dtype=np.int64), ages_s=np.zeros(rows.shape, dtype=np.float32),
+        belief=belief, distances=np.ascontiguousarray(distances), robots=robots[..., :2], kinds=kinds[taken],
+        speeds=(robots[..., 7] / np.float32(16)).astype(np.float32), ids=np.where(present, rows + 1, 1000),
+        tasks=tasks, ages_s=np.zeros(rows.shape, dtype=np.float32),
         present=present, hops=hops, targets=targets,
         listed=np.arange(listed) < counts[:, 1, None],
     )  # fmt: skip
     return Batch(features_of(view), labels, view, group.robots[steps, egos])
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _build(
     packed: Array, robots: Array, egos: Array, kinds: Array, r_comm: Array, hop_limit: int,
     belief: Array, rows: Array, hops: Array, distances: Array, targets: Array, counts: Array, labels: Array,
 ) -> None:  # fmt: skip
-    """Fill one view a row: ego first, the robots within the hop limit by id, what ego knows, and everybody's label."""
+    """Fill one view a row: ego first, the robots within the hop limit by id, what ego knows, and everybody's label.
+
+    "No target" is a label only where ego knows fewer targets than robots: else the expert knew of robots and targets
+    that ego cannot know of, and a team that learns to wait for them waits in vain.
+    """
     team = robots.shape[1]
     width, height = belief.shape[1:]
     team_hops = np.empty((team, team), dtype=np.int64)
@@ -145,7 +153,7 @@ def _build(
             path_lengths(belief[b], kinds[n] == 1, int(robots[b, n, 0]), int(robots[b, n, 1]), distances[b, i], queue)
             for j in range(count):
                 hops[b, i, j] = team_hops[n, rows[b, j]]
-            if robots[b, n, 2] == 255:
+            if robots[b, n, 2] == 255 and known < count:
                 labels[b, i] = most
             for m in range(known):
                 if targets[b, m, 0] == robots[b, n, 2] and targets[b, m, 1] == robots[b, n, 3]:
@@ -187,7 +195,7 @@ def _with_candidates(group: Group, rng: np.random.Generator, wanted: int) -> Arr
     return chosen[np.argsort(np.concatenate(pairs)[:wanted], kind="stable")]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _count(packed: Array, robots: Array, egos: Array, r_comm: Array, hop_limit: int, out: Array) -> None:
     """Robots and known targets of each view into `out` [B, 2]."""
     team = robots.shape[1]

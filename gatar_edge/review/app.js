@@ -20,8 +20,8 @@ export async function start() {
     runs = await Promise.all(blocks.map(async (block) => new Run(await unpack(block.textContent.trim()))));
     span();
     build();
-    window.gatar = { state, runs, seek, follow, play, place: (id) => runs[0].place(runs[0].byId.get(id), state.t) };
-    document.body.dataset.ready = "yes";
+    window.gatar = { state, runs, seek, follow, play, refresh, place: (id) => runs[0].place(runs[0].byId.get(id), state.t) };
+    document.body.dataset.ready = String(Math.round(performance.now())); // milliseconds after the address was opened
     if (document.body.dataset.live) setInterval(refresh, 2000);
   } catch (error) {
     $("headline").textContent = "This page cannot be shown";

@@ -22,6 +22,8 @@ _REASONS = {
     "no_perception": "Its own perception is missing or too old, so it stays where it is.",
 }
 
+_STANDING = frozenset(("no_perception", "no_vehicle"))
+
 
 def explain(decision: Json, previous: Json | None, record: Json | None = None) -> Json:
     """Everything about one decision: what it knew, whom it heard, the candidates, and why this one. See `words`."""
@@ -47,6 +49,8 @@ def explain(decision: Json, previous: Json | None, record: Json | None = None) -
 def words(explanation: Json) -> list[str]:
     """The explanation as lines of text."""
     lines = [explanation["headline"], *(f"  {line}" for line in explanation["why"])]
+    if explanation["assignment"]["reason"] in _STANDING:  # decided without a look at anybody
+        return lines
     neighbors = explanation["neighbors"]
     lines.append(f"It heard {_count(len(neighbors), 'robot')}:" if neighbors else "It heard nobody.")
     lines.extend(f"  {neighbor_line(neighbor)}" for neighbor in neighbors)
@@ -76,7 +80,7 @@ def headline(decision: Json) -> str:
 def why(decision: Json, previous: Json | None, candidates: list[Json]) -> list[str]:
     """The reasons, the most telling first."""
     assignment = decision["assignment"]
-    lines = [_REASONS.get(assignment["reason"], assignment["reason"]).format(allocator=decision["allocator"])]
+    lines = [_reason(decision, candidates)]
     if decision["fallback"]:
         lines.insert(
             0, f"The configured allocator failed ({decision['fallback']}), so {decision['allocator']} decided."
@@ -190,6 +194,16 @@ def _given_up(decision: Json, cell: Any) -> str:
     if still_open["given_to"] not in (NOBODY, decision["robot_id"]):
         return f"It gave up {where}: the joint solution now gives it to robot {still_open['given_to']}."
     return f"It gave up {where} for this."
+
+
+def _reason(decision: Json, candidates: list[Json]) -> str:
+    reason = decision["assignment"]["reason"]
+    if reason == "frontier":
+        free = sum(c["length"] >= 0 and c["given_to"] == c["claimed_by"] == NOBODY for c in candidates)
+        if free:
+            none = f"The {decision['allocator']} allocator gave it none of {_count(free, 'open target')}"
+            return f"{none} that nobody claims, so it goes to see the nearest unknown cell that nobody else covers."
+    return str(_REASONS.get(reason, reason)).format(allocator=decision["allocator"])
 
 
 def _taken_offer(decision: Json, candidates: list[Json]) -> list[str]:

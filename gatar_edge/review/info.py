@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from gatar_edge import channels as ch
 from gatar_edge import foxglove
@@ -126,6 +127,8 @@ class Figures:
     reasons: Counter[str] = field(default_factory=Counter)
     targets: int | None = None
     visits: list[ch.VisitRecord] = field(default_factory=list)
+    known: set[Cell] = field(default_factory=set)  # targets by the robots' beliefs, where the log has no truth
+    known_localized: dict[Cell, tuple[int, int]] = field(default_factory=dict)  # of those: since when, by whose belief
     faults: Counter[str] = field(default_factory=Counter)
     warnings: list[str] = field(default_factory=list)
     clock_steps_back: int = 0
@@ -213,6 +216,17 @@ def _on_truth(figures: Figures, entry: Entry) -> None:
         figures.targets = int((foxglove.read_grid(entry.data).cells == CellState.TARGET).sum())
 
 
+def _on_belief(figures: Figures, entry: Entry) -> None:
+    """Without a simulator's truth, what the robots believe is all that a log can say of targets."""
+    if figures.targets is not None:
+        return
+    states = foxglove.read_grid(entry.data).cells
+    for x, y in np.argwhere(states >= CellState.TARGET).tolist():
+        figures.known.add((x, y))
+        if states[x, y] == CellState.LOCALIZED:
+            figures.known_localized.setdefault((x, y), (entry.log_ns, entry.robot_id))
+
+
 def _on_fault(figures: Figures, entry: Entry) -> None:
     figures.faults[_fault(entry.data).kind] += 1
 
@@ -234,6 +248,7 @@ _HANDLERS = {
     ch.RADIO.topic: _on_radio,
     ch.TRUTH_VISITS.topic: _on_visit,
     ch.TRUTH_MAP.topic: _on_truth,
+    ch.BELIEF.topic: _on_belief,
     ch.FAULTS.topic: _on_fault,
     ch.HEALTH.topic: _on_health,
     ch.LOG.topic: _on_log,

@@ -13,10 +13,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gatar_edge.agent import Agent
+from gatar_edge.grid import UNREACHABLE, path_lengths
 from gatar_edge.record import Recorder
 from gatar_edge.sim_sitl.world import World, observe, reachable_targets
 from gatar_edge.tasks import to_command
 from gatar_edge.types import NS_PER_S, Cell, Decision, RobotKind, TaskKind
+
+TALK_ROUNDS = 2  # a step, for allocators that talk to each other
 
 
 @dataclass(slots=True)
@@ -45,6 +48,13 @@ class Lockstep:
         if recorder is not None:
             recorder.truth_map(world.obstacles, world.targets, 0)
         return mission
+
+    def drop_unreachable(self) -> None:
+        """Close the targets that no robot can reach from where it is."""
+        reached = np.zeros(self.world.shape, dtype=np.bool_)
+        for number, cell in self.cells.items():
+            reached |= path_lengths(self.agents[number].identity.kind, cell, ~self.world.obstacles) != UNREACHABLE
+        self.open_targets = {cell for cell in self.open_targets if reached[cell]}
 
     def fly(self, max_steps: int) -> None:
         """Go on until every reachable target is localized or `max_steps` more have passed."""
@@ -81,6 +91,13 @@ class Lockstep:
                 self.recorder.sent(robot_id, message, self.now_ns)
         while air:
             air = [relay for sender, datagram in air for relay in self._deliver(sender, datagram)]
+        for _ in range(TALK_ROUNDS):
+            talks = [(agent, talk) for agent in self._flying() for talk in agent.negotiate(self.now_ns)]
+            for agent, talk in talks:
+                if self.recorder is not None:
+                    self.recorder.sent(agent.identity.robot_id, talk, self.now_ns)
+            for agent, talk in talks:
+                self._deliver(agent.identity.robot_id, talk)
 
     def _deliver(self, sender: int, datagram: bytes) -> list[tuple[int, bytes]]:
         """Everybody in range hears it; what they pass on."""

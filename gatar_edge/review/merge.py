@@ -87,21 +87,26 @@ def merge(sources: Sequence[Path], output: Path) -> Merged:
 
 
 def clock_offsets(logs: Sequence[LogReader]) -> tuple[list[int], list[int]]:
-    """What to add to each log's times so that they agree with the first's, and the logs for which nothing is known."""
+    """What to add to each log's times so that they agree with the first's, and the logs for which nothing is known.
+
+    Several files of one robot, as its recorder rotates them, have one clock.
+    """
     least: dict[tuple[int, int], int] = {}
-    file_of: dict[int, int] = {}
+    robot_of: dict[int, int] = {}
     for index, log in enumerate(logs):
         for entry in log.messages(lambda channel, _: channel is ch.RADIO):
-            file_of.setdefault(entry.robot_id, index)
+            robot_of.setdefault(index, entry.robot_id)
             for item in _radio(entry.data).items:
                 _take_delay(least, entry.robot_id, item)
-    between: dict[tuple[int, int], int] = {}
-    for (here, there), delay_ns in least.items():
-        back_ns = least.get((there, here))
-        if back_ns is not None and here in file_of and there in file_of:
-            # delay = least + (clock here - clock there), back = least - (clock here - clock there)
-            between[file_of[here], file_of[there]] = (delay_ns - back_ns) // 2
-    return _spread(len(logs), between)
+    # delay = least + (clock here - clock there), back = least - (clock here - clock there)
+    ahead = {
+        (here, there): (delay_ns - least[there, here]) // 2
+        for (here, there), delay_ns in least.items()
+        if (there, here) in least
+    }
+    offsets = _spread(robot_of.get(0, 0), ahead)
+    unplaced = [index for index in range(1, len(logs)) if robot_of.get(index) not in offsets]
+    return [offsets.get(robot_of.get(index, 0), 0) for index in range(len(logs))], unplaced
 
 
 def _take_delay(least: dict[tuple[int, int], int], here: int, item: RadioBrief) -> None:
@@ -112,16 +117,17 @@ def _take_delay(least: dict[tuple[int, int], int], here: int, item: RadioBrief) 
     least[pair] = min(delay_ns, least.get(pair, delay_ns))
 
 
-def _spread(files: int, between: dict[tuple[int, int], int]) -> tuple[list[int], list[int]]:
-    offsets: dict[int, int] = {0: 0}
-    waiting = deque([0])
+def _spread(first: int, ahead: dict[tuple[int, int], int]) -> dict[int, int]:
+    """What to add to each robot's clock, from the first's over all pairs that heard each other."""
+    offsets = {first: 0}
+    waiting = deque([first])
     while waiting:
         known = waiting.popleft()
-        for (here, there), ahead_ns in between.items():
+        for (here, there), ahead_ns in ahead.items():
             if there == known and here not in offsets:
                 offsets[here] = offsets[known] - ahead_ns
                 waiting.append(here)
-    return [offsets.get(index, 0) for index in range(files)], [i for i in range(files) if i not in offsets]
+    return offsets
 
 
 def _copy_attached(logs: Sequence[LogReader], offsets: Sequence[int], writer: Any) -> None:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from pathlib import Path
 
 from gatar_edge.allocators.base import Allocator
 from gatar_edge.allocators.registry import make
-from gatar_edge.errors import LogError, ModelError
+from gatar_edge.errors import LogError
 from gatar_edge.review.explain import Json
-
-LEARNED = "gatar"
+from gatar_edge.runinfo import LEARNED, model_file, sha256_of
 
 
 def allocator_for(info: Json, other: str | None, model: Path | None) -> tuple[Callable[[str], Allocator], bool]:
@@ -19,29 +17,21 @@ def allocator_for(info: Json, other: str | None, model: Path | None) -> tuple[Ca
 
     Raises LogError where the model that flew is not at hand, ModelError or ConfigError where the other is of no use.
     """
-    if other is not None:
-        named = f"{LEARNED}:{model}" if model is not None else other
-        factory = make(named)
-        return (lambda _: factory()), True
     flown, digest = str(info.get("allocator", "")), str(info.get("model_sha256", ""))
-    if model is not None:
-        factory = make(f"{LEARNED}:{model}")
-        return (lambda _: factory()), not digest or sha256_of(model) != digest
-    rule, _, path = flown.partition(":")
-    if rule == LEARNED and digest:
-        _check_model(path, digest)
-    factory = make(flown)
-    return (lambda _: factory()), False
+    if other is None and model is None:
+        _check_model(flown, str(info.get("model", "")), digest)
+        named = flown
+    else:
+        named = f"{LEARNED}:{model}" if model is not None else str(other)
+    factory = make(named)
+    same = named == flown or (model is not None and flown.startswith(LEARNED) and sha256_of(model) == digest)
+    return (lambda _: factory()), not same
 
 
-def sha256_of(path: Path) -> str:
-    """The digest by which a log names its model. Raises ModelError."""
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise ModelError(f"model {path} cannot be read: {error.strerror}") from error
-
-
-def _check_model(path: str, digest: str) -> None:
-    if path and Path(path).is_file() and sha256_of(Path(path)) != digest:
-        raise LogError(f"{path} is not the model that flew (sha256 {digest[:12]}): give that one with --model")
+def _check_model(flown: str, name: str, digest: str) -> None:
+    """The model under the recorded name must be the one that flew."""
+    path = model_file(flown)
+    if path is None or not digest:
+        return
+    if not path.is_file() or sha256_of(path) != digest:
+        raise LogError(f"the model that flew is {name or path.name}, sha256 {digest[:16]}: give that file with --model")

@@ -4,7 +4,8 @@ import { KIND, taskText } from "gatar/run";
 
 export const esc = (text) => String(text ?? "").replace(/[&<>"']/g, (c) => `&#${c.charCodeAt(0)};`);
 const plural = (n, noun) => `${n} ${noun}${n === 1 ? "" : "s"}`;
-const number = (v, digits = 1) => (v === null || v === undefined ? "–" : Number.isInteger(v) ? v.toLocaleString("en") : v.toFixed(digits));
+const number = (v, digits = 1) => (v === null || v === undefined ? "–" : Math.abs(v) >= 10000 ? `${(v / 1000).toFixed(1)}k` : Number.isInteger(v) ? v.toLocaleString("en") : v.toFixed(digits));
+const bytes = (v) => (v >= 1e6 ? `${(v / 1e6).toFixed(1)}<small>MB` : `${(v / 1e3).toFixed(1)}<small>kB`);
 const REASONS = { allocated: "allocated", kept: "kept", frontier: "explores", nothing_left: "nothing left", no_perception: "no perception" };
 export const reasonText = (reason) => REASONS[reason] ?? reason;
 
@@ -22,9 +23,7 @@ export const LEGEND = [
 export function headline(run) {
   const { result: r } = run, count = (kind) => run.robots.filter((robot) => robot.kind === kind).length;
   const end = r.steps_100 ?? null;
-  const what = r.targets === null || r.targets === undefined
-    ? `${run.localized(run.duration)} targets localized`
-    : `${r.localized} of ${r.reachable ?? r.targets} targets localized`;
+  const what = `${r.localized} of ${r.reachable ?? r.targets} ${r.truth === false ? "known " : ""}targets localized`;
   const team = [0, 1].filter(count).map((kind) => plural(count(kind), KIND[kind])).join(" and ");
   const when = end !== null ? `in ${number(end)} steps` : `in ${run.label(run.duration)}`;
   const facts = [team, `${run.run.allocator} allocator`, run.run.seed !== undefined ? `seed ${run.run.seed}` : "", `${run.grid.w} × ${run.grid.h} cells of ${number(run.grid.cell_m)} m`, run.name];
@@ -48,13 +47,13 @@ export function badges(run) {
 
 export function tiles(runs) {
   const rows = [
-    ["Localized", (r) => (r.targets === null ? null : `${r.localized}<small>of ${r.reachable}</small>`), (r) => r.localized / Math.max(1, r.reachable)],
+    ["Localized", (r) => `${r.localized}<small>of ${r.reachable}${r.truth === false ? " known" : ""}</small>`, (r) => r.localized / Math.max(1, r.reachable)],
     ["By step 10 / 20 / 40", (r) => r.localized_by && Object.values(r.localized_by).join("<small>/</small> ")],
     ["Steps to 90 %", (r) => number(r.steps_90)],
     ["Steps to 100 %", (r) => number(r.steps_100)],
     ["Distance UAV / UGV", (r) => `${number(Math.round(r.distance_cells.UAV))}<small>/</small> ${number(Math.round(r.distance_cells.UGV))}<small>cells</small>`],
     ["Tasks given up", (r) => number(r.retasks)],
-    ["Sent per robot", (r) => `${number(r.bytes_per_robot / 1000)}<small>kB in ${number(Math.round(r.messages_per_robot))}</small>`],
+    ["Sent per robot", (r) => `${bytes(r.bytes_per_robot)} in ${number(Math.round(r.messages_per_robot))}</small>`],
     ["Decision p50 / p99", (r) => `${number(r.decision_p50_us / 1000, 2)}<small>/</small> ${number(r.decision_p99_us / 1000, 2)}<small>ms</small>`],
   ];
   return rows.map(([name, text, part]) => {

@@ -10,27 +10,28 @@ from __future__ import annotations
 import base64
 import binascii
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import msgspec
 import numpy as np
 
 from gatar_edge import channels as ch
 from gatar_edge.agent import Agent, Identity
-from gatar_edge.allocators.base import Allocation, Allocator
+from gatar_edge.allocators.base import Allocator, Negotiator
 from gatar_edge.config import AgentConfig
 from gatar_edge.errors import DeadlineError, LogError
 from gatar_edge.keys import DEMO_KEY
 from gatar_edge.message import MAC_BYTES, with_hops
 from gatar_edge.persist import restore
 from gatar_edge.record_items import EFFECTIVE, saved_state
+from gatar_edge.review.difference import described, difference, differences, goal_differences
 from gatar_edge.review.explain import Json
+from gatar_edge.review.ghosts import Ghost, Prompted, PromptedNegotiator
 from gatar_edge.review.reader import Entry, LogReader, decoder, json_object
+from gatar_edge.talk import signed_anew
 from gatar_edge.tasks import Task
 from gatar_edge.types import Cells, Observation, Reason, RobotKind, TaskKind
-from gatar_edge.view import View
 
 _INDEX = re.compile(r"\[\d+\]")
 MAX_LISTED = 50
@@ -80,33 +81,6 @@ class Replayed:
             self.differences.append(difference)
 
 
-class Prompted:
-    """An allocator that is late when the recorded one was."""
-
-    def __init__(self, allocator: Allocator) -> None:
-        self._allocator = allocator
-        self.late = ""
-
-    @property
-    def name(self) -> str:
-        """The allocator's name."""
-        return self._allocator.name
-
-    def allocate(self, view: View) -> Allocation:
-        """See `allocators.base.Allocator`."""
-        if self.late:
-            raise DeadlineError(self.late)
-        return self._allocator.allocate(view)
-
-
-@dataclass(slots=True)
-class Ghost:
-    """One robot of the replay."""
-
-    agent: Agent
-    allocator: Prompted
-
-
 class Replay:
     """Feeds a log's inputs to agents. `make` gives the allocator of one robot, by the recorded name.
 
@@ -140,8 +114,10 @@ class Replay:
         return self.result
 
     def feed(self, entry: Entry) -> None:
-        """One message of the log."""
-        _FEEDS[entry.channel.topic](self, entry)
+        """One message of the log; those that no agent met have no effect."""
+        handler = _FEEDS.get(entry.channel.topic)
+        if handler is not None:
+            handler(self, entry)
 
     def _on_run_info(self, entry: Entry) -> None:
         info = json_object(entry.data)
@@ -153,7 +129,8 @@ class Replay:
         try:
             config = msgspec.convert(info["config"], AgentConfig)
             identity = Identity(robot["robot_id"], RobotKind(robot["kind"]), robot["speed_cells_s"])
-            allocator = Prompted(self._make(info["allocator"]))
+            inner = self._make(info["allocator"])
+            allocator = PromptedNegotiator(inner) if isinstance(inner, Negotiator) else Prompted(inner)
         except (KeyError, ValueError, msgspec.ValidationError) as error:
             raise LogError(f"the log's run info cannot be used: {error}") from error
         return Ghost(Agent(identity, config, allocator, self._key, robot.get("first_seq", 1)), allocator)
@@ -186,7 +163,9 @@ class Replay:
     def _on_radio(self, entry: Entry) -> None:
         ghost = self._robot(entry)
         for item in _radio(entry.data).items:
-            if item.way is ch.RadioWay.SENT:
+            if item.way is ch.RadioWay.SENT and item.talk:
+                self._compare_talk(ghost, item)
+            elif item.way is ch.RadioWay.SENT:
                 self._compare_message(ghost, item)
             elif item.way is ch.RadioWay.HEARD and item.outcome in EFFECTIVE:
                 self._hear(ghost, item)
@@ -194,13 +173,13 @@ class Replay:
     def _hear(self, ghost: Ghost, item: ch.RadioItem) -> None:
         datagram = _datagram(item)
         if self._sign:
-            datagram = with_hops(datagram, item.hops, self._key)
+            datagram = signed_anew(datagram, self._key) if item.talk else with_hops(datagram, item.hops, self._key)
         outcome = ghost.agent.hear(datagram, item.t_ns).outcome
         self.result.heard += 1
         self.result.heard_equal += outcome.value == item.outcome
         if outcome.value != item.outcome:
             number = ghost.agent.identity.robot_id
-            self.result.differ(_difference(number, item.t_ns, f"heard of {item.author}", item.outcome, outcome.value))
+            self.result.differ(difference(number, item.t_ns, f"heard of {item.author}", item.outcome, outcome.value))
 
     def _compare_message(self, ghost: Ghost, item: ch.RadioItem) -> None:
         """What the robot says again; messages that it composed and the byte budget held back are passed over."""
@@ -208,7 +187,7 @@ class Replay:
         if not agent.next_seq <= item.seq <= agent.next_seq + MAX_UNSENT:
             self.result.messages += 1
             number = agent.identity.robot_id
-            self.result.differ(_difference(number, item.t_ns, "message sequence", item.seq, agent.next_seq))
+            self.result.differ(difference(number, item.t_ns, "message sequence", item.seq, agent.next_seq))
             return
         while agent.next_seq < item.seq:
             agent.beacon(item.t_ns)
@@ -221,7 +200,24 @@ class Replay:
         self.result.messages_equal += again == then
         if again != then:
             number = agent.identity.robot_id
-            self.result.differ(_difference(number, item.t_ns, f"message {item.seq}", then.hex(), again.hex()))
+            self.result.differ(difference(number, item.t_ns, f"message {item.seq}", then.hex(), again.hex()))
+
+    def _compare_talk(self, ghost: Ghost, item: ch.RadioItem) -> None:
+        """What its allocator tells the others again; what the byte budget held back is passed over."""
+        if self._otherwise:
+            return
+        wanted = _datagram(item)[:-MAC_BYTES]
+        if not any(talk[:-MAC_BYTES] == wanted for talk in ghost.talks):
+            ghost.talks = list(ghost.agent.negotiate(item.t_ns))
+        found = next((n for n, talk in enumerate(ghost.talks) if talk[:-MAC_BYTES] == wanted), None)
+        self.result.messages += 1
+        self.result.messages_equal += found is not None
+        if found is None:
+            again = ghost.talks[0].hex() if ghost.talks else ""
+            number = ghost.agent.identity.robot_id
+            self.result.differ(difference(number, item.t_ns, f"talk {item.seq}", wanted.hex(), again))
+        else:
+            del ghost.talks[: found + 1]
 
     def _on_decision(self, entry: Entry) -> None:
         ghost = self._robot(entry)
@@ -230,15 +226,16 @@ class Replay:
         agent = ghost.agent
         ghost.allocator.late = "" if self._otherwise else then["fallback"].partition(_LATE)[2]
         agent.has_vehicle = then["assignment"]["reason"] != Reason.NO_VEHICLE.value
+        agent.shunned = frozenset((x, y) for x, y in then.get("shunned", ()))
         agent.shadow = record["sent"] == {"type": "hold", "reason": "dry run"}
         decision = replace(agent.decide(then["t_ns"]), latency_ns=then["latency_ns"])
         now = msgspec.json.decode(msgspec.json.encode(decision))
         self.result.decisions += 1
-        found = _goal_differences(then, now) if self._otherwise else _differences(then, now, "")
-        differences = [d for d in found if _INDEX.sub("[]", d["field"]) not in self._ignore]
-        self.result.equal += not differences
-        if differences:
-            self.result.differ(_described(entry.robot_id, then, now, differences))
+        found = goal_differences(then, now) if self._otherwise else differences(then, now, "")
+        fields = [d for d in found if _INDEX.sub("[]", d["field"]) not in self._ignore]
+        self.result.equal += not fields
+        if fields:
+            self.result.differ(described(entry.robot_id, then, now, fields))
         if self._otherwise:
             agent.task = _task(then["assignment"])
 
@@ -260,42 +257,6 @@ def _task(assignment: Json) -> Task:
 
 
 _STOPPED = frozenset((Reason.NO_PERCEPTION.value, Reason.NO_VEHICLE.value))
-
-
-def _goal_differences(then: Json, now: Json) -> list[Json]:
-    """Whether another rule goes elsewhere; how it scores is its own business."""
-    keys = ("kind", "cell")
-    return [
-        d for key in keys for d in _differences(then["assignment"][key], now["assignment"][key], f"assignment.{key}")
-    ]
-
-
-def _differences(then: Any, now: Any, path: str) -> Iterator[Json]:
-    """Every field in which two JSON values differ."""
-    if isinstance(then, dict) and isinstance(now, dict):
-        for key in sorted(then.keys() | now.keys()):
-            yield from _differences(then.get(key), now.get(key), f"{path}.{key}" if path else key)
-    elif isinstance(then, list) and isinstance(now, list) and len(then) == len(now):
-        for index, (a, b) in enumerate(zip(then, now, strict=True)):
-            yield from _differences(a, b, f"{path}[{index}]")
-    elif then != now:
-        yield {"field": path, "recorded": then, "replayed": now}
-
-
-def _described(robot_id: int, then: Json, now: Json, fields: list[Json]) -> Json:
-    return {
-        "robot_id": robot_id,
-        "tick": then["tick"],
-        "t_ns": then["t_ns"],
-        "what": "decision",
-        "recorded": then["assignment"],
-        "replayed": now["assignment"],
-        "fields": fields[:MAX_LISTED],
-    }
-
-
-def _difference(robot_id: int, t_ns: int, what: str, recorded: Any, replayed: Any) -> Json:
-    return {"robot_id": robot_id, "t_ns": t_ns, "what": what, "recorded": recorded, "replayed": replayed, "fields": []}
 
 
 def _datagram(item: ch.RadioItem) -> bytes:

@@ -39,19 +39,19 @@ def write_report(log: Path, output: Path, compare: Path | None = None) -> Path:
 
 def render(stories: Sequence[dict[str, Any]], live: str = "") -> str:
     """The page of one mission, or of two side by side; `live` is the address that it asks for news."""
-    imports = {f"gatar/{name}": _data_url(_asset(f"{name}.js")) for name in MODULES}
+    imports = {f"gatar/{name}": _data_url(asset(f"{name}.js")) for name in MODULES}
     blocks = "\n".join(
         f'<script type="application/gzip" data-run="{index}">{_packed(story)}</script>'
         for index, story in enumerate(stories)
     )
     parts = {
         "title": html.escape(f"gatar mission review: {stories[0]['name']}"),
-        "css": _asset("page.css"),
+        "css": asset("page.css"),
         "importmap": msgspec.json.encode({"imports": imports}).decode(),
         "live": html.escape(live, quote=True),
         "data": blocks,
     }
-    page = _asset("page.html")
+    page = asset("page.html")
     for name, text in parts.items():
         page = page.replace("{{" + name + "}}", text, 1)
     return page
@@ -66,5 +66,6 @@ def _data_url(source: str) -> str:
     return "data:text/javascript;base64," + base64.b64encode(source.encode()).decode()
 
 
-def _asset(name: str) -> str:
+def asset(name: str) -> str:
+    """One of the page's sources."""
     return resources.files(__package__).joinpath(name).read_text(encoding="utf-8")

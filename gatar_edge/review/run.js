@@ -52,11 +52,7 @@ export class Run {
   path(robot, t) { return robot.paths[lastAt(robot.paths, t)]?.slice(1) ?? []; }
   heard(robot, t) { return robot.links[lastAt(robot.links, t)]?.slice(1) ?? []; }
   vehicle(robot, t) { return robot.vehicle[lastAt(robot.vehicle, t)] ?? null; }
-  localized(t) {
-    if (this.targets.length || this.visits.length) return lastAt(this.visits, t) + 1;
-    const state = new BeliefPlayer(this.grid, this.teamBelief).at(t);
-    return state.reduce((sum, cell) => sum + (cell === CELL.LOCALIZED), 0);
-  }
+  localized(t) { return lastAt(this.visits, t) + 1; }
   distance(kind, t) {
     return this.robots.reduce((sum, r) => sum + (r.kind === kind ? this.place(r, t)?.travel ?? 0 : 0), 0);
   }

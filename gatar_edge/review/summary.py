@@ -53,9 +53,11 @@ def result_of(figures: Figures) -> dict[str, Any]:
 
 
 def _progress(figures: Figures) -> dict[str, Any]:
-    """Localized targets over time; all None where the log has no truth (a real flight)."""
+    """Localized targets over time; of a real flight, which has no truth, those that the robots knew of."""
     if figures.targets is None:
-        return {"targets": None, "localized": None, "localized_by": None, "steps_90": None, "steps_100": None}
+        known, localized = len(figures.known), len(figures.known_localized)
+        unknown = dict.fromkeys(("localized_by", "steps_90", "steps_100"))
+        return {"targets": known, "reachable": known, "localized": localized, "truth": False, **unknown}
     steps = sorted(visit.step for visit in figures.visits)
     reachable = int((figures.result or {}).get("reachable", figures.targets))
     return {

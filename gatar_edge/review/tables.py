@@ -46,8 +46,9 @@ def health_lines(health: Json) -> list[str]:
 def _result(result: Json) -> Table:
     table = _table("result", "")
     by = result.get("localized_by") or {}
+    known = "" if result.get("truth", True) else " that the robots knew of"
     rows = {
-        "targets localized": _of(result.get("localized"), result.get("reachable")),
+        "targets localized": f"{result['localized']} of {result['reachable']}" + known,
         **{f"  by step {step}": _text(count) for step, count in by.items()},
         "steps to 90 % / 100 %": f"{_text(result.get('steps_90'))} / {_text(result.get('steps_100'))}",
         "distance, cells": ", ".join(f"{kind} {_text(cells)}" for kind, cells in result["distance_cells"].items()),
@@ -84,12 +85,25 @@ def _table(*heads: str) -> Table:
     return table
 
 
-def _of(count: Any, total: Any) -> str:
-    return "unknown (no truth in this log)" if count is None else f"{count} of {total}"
-
-
 def _text(value: Any) -> str:
     return "-" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def print_comparison(result: Json) -> None:
+    """Print what `what_if` gives."""
+    before, after = result["as_it_was"], result["changed"]
+    table = _table(f"from {result['from_s']:g} s on", "as it was", "changed")
+    rows: list[tuple[str, Any, Any]] = [
+        ("robots", len(before["robots"]), len(after["robots"])),
+        *((key.replace("_", " "), before[key], after[key]) for key in ("open_targets", "reachable", "localized")),
+    ]
+    rows += [(f"  by step {n}", before["localized_by"][n], after["localized_by"][n]) for n in before["localized_by"]]
+    rows.append(("steps to 100 %", before["steps_100"], after["steps_100"]))
+    rows += [(f"distance {k}, cells", before["distance_cells"][k], after["distance_cells"][k]) for k in ("UAV", "UGV")]
+    rows.append(("tasks given up", before["retasks"], after["retasks"]))
+    for name, one, other in rows:
+        table.add_row(name, _text(one), _text(other))
+    Console(highlight=False).print(table)
 
 
 def replay_lines(result: Json, other: str) -> list[str]:

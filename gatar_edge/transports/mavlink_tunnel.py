@@ -28,7 +28,6 @@ class MavlinkTunnel:
     """A `Transport` on a link that belongs to somebody else, who gives `send` and `fileno` and calls `feed`."""
 
     sends = 1
-    problem = ""
 
     def __init__(self, send: Callable[[bytes], object], fileno: Callable[[], int], sysid: int) -> None:
         self.counters = LinkCounters()

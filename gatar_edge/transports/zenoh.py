@@ -52,6 +52,7 @@ class ZenohTransport:
         self._wake, self._woken = socket.socketpair()
         self._wake.setblocking(False)
         self._woken.setblocking(False)
+        self._deleted = zenoh.SampleKind.DELETE
         own = f"{ALIVE}/{robot_id}"
         self._publisher = self._session.declare_publisher(
             KEY,
@@ -67,7 +68,6 @@ class ZenohTransport:
                 f"{ALIVE}/*", lambda sample: self._on_alive(str(sample.key_expr), own, sample.kind), history=True
             ),
         )
-        self._deleted = zenoh.SampleKind.DELETE
 
     @property
     def alive(self) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from missions import record_mission
 
 from gatar_edge.allocators.nearest import Nearest
 from gatar_edge.review.report import write_report
+from gatar_edge.review.serve import open_server
 
 pytestmark = pytest.mark.browser
 
@@ -54,10 +56,20 @@ class Page:
     """One opened page."""
 
     def __init__(self, browser: Any, path: Path, moment: str = "#t=0") -> None:
-        self.browser = browser
         browser.get("about:blank")
         browser.get(f"{path.as_uri()}{moment}")
-        self.until("document.body.dataset.ready === 'yes'")
+        self._open(browser)
+
+    @classmethod
+    def of(cls, browser: Any) -> Page:
+        """The page that the browser shows."""
+        page = cls.__new__(cls)
+        page._open(browser)
+        return page
+
+    def _open(self, browser: Any) -> None:
+        self.browser = browser
+        self.until("document.body.dataset.ready")
         self.frames(2)
 
     def js(self, expression: str) -> Any:
@@ -252,3 +264,26 @@ def test_the_page_asks_the_network_for_nothing(pages: dict[str, Path]) -> None:
     assert "http://" not in text.replace("http://www.w3.org/", "")
     assert "https://" not in text
     assert "{{" not in text
+
+
+def test_a_mission_that_is_being_recorded_grows_on_the_page(browser: Any, tmp_path: Path) -> None:
+    mission = record_mission(tmp_path / "flying.mcap", steps=3, close=False)
+    server = open_server(tmp_path, "127.0.0.1", 0)
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+    thread.start()
+    try:
+        browser.get(f"http://127.0.0.1:{server.server_port}/run/flying.mcap")
+        page = Page.of(browser)
+        assert page.js("gatar.runs[0].duration") == 3000
+        mission.fly(4)
+        page.js("gatar.refresh()")
+        page.until("gatar.runs[0].duration >= 6000")
+        assert page.js("gatar.state.t") == page.js("gatar.runs[0].duration")
+        assert page.errors() == []
+    finally:
+        browser.get("about:blank")
+        server.shutdown()
+        server.server_close()
+        thread.join()
+        assert mission.recorder is not None
+        mission.recorder.close()

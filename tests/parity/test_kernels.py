@@ -72,10 +72,10 @@ def test_the_compiled_hop_counts_are_the_views():
 def test_the_compiled_greedy_is_the_allocators_with_the_same_ties():
     rng = np.random.default_rng(2)
     for _ in range(200):
-        lengths = rng.integers(-1, 6, size=(int(rng.integers(1, 13)), int(rng.integers(1, 30)))).astype(np.int32)
-        times = np.where(lengths < 0, np.inf, lengths)
+        lengths = rng.integers(-1, 6, size=(int(rng.integers(1, 13)), int(rng.integers(1, 30))))
+        times = np.where(lengths < 0, np.inf, lengths / rng.choice([1.0, 2.0], size=(len(lengths), 1)))
         choices = np.zeros(len(lengths), dtype=np.int64)
-        kernels.greedy(lengths.copy(), choices)
+        kernels.greedy(times.copy(), choices)
         np.testing.assert_array_equal(choices, greedy_pairs(times))
 
 

@@ -10,9 +10,9 @@ HEARTBEAT, COMMAND_LONG = 0, 76
 SET_MESSAGE_INTERVAL, REQUEST_MESSAGE = 511, 512
 
 
-def flying(team: str = "1A0G") -> Flight:
+def flying(team: str = "1A0G", on_stop: str = "hold") -> Flight:
     """Airborne, or on the way, with a task."""
-    flight = Flight(team)
+    flight = Flight(team, on_stop=on_stop)
     flight.fly(60, until=lambda: bool(flight.snapshots) and flight.last.task != "HOLD")
     assert flight.last.task != "HOLD"
     flight.fly(3)
@@ -27,12 +27,27 @@ def test_sigterm_stands_the_vehicle_still_within_three_seconds(team: str) -> Non
         if flight.daemon.stop(flight.now_ns):
             break
     assert flight.daemon.stop(flight.now_ns)
+    assert flight.body.autopilot.truth.speed_m_s < 0.5
     place = flight.body.xy
     flight.fly(5, step=False)
     settled = flight.body.xy
     assert settled == pytest.approx(place, abs=0.6)  # a copter comes back to where it was told to hold
     flight.fly(30, step=False)
     assert flight.body.xy == pytest.approx(settled, abs=0.05)
+
+
+def test_a_stopped_daemon_lets_its_vehicle_return_where_so_configured() -> None:
+    flight = flying(on_stop="return")
+    home = flight.world.starts[0]
+    for _ in range(60):
+        flight.fly(0.05, step=False)
+        if flight.daemon.stop(flight.now_ns):
+            break
+    assert flight.daemon.stop(flight.now_ns)
+    assert flight.body.autopilot.truth.mode == "RTL"
+    flight.fly(120, step=False)
+    assert flight.body.cell == home
+    assert not flight.body.autopilot.truth.armed
 
 
 @pytest.mark.parametrize("team", ["1A0G", "0A1G"])

@@ -277,3 +277,27 @@ def test_a_rover_may_also_be_driven_by_guided_targets(stack: str) -> None:
     assert flight.driver.state(flight.now).cell == (6, 7)
     assert flight.driver.status is Status.ARRIVED
     assert not flight.sent("MISSION_COUNT")
+
+
+@pytest.mark.parametrize("stack", STACKS)
+def test_without_an_origin_nothing_is_armed_and_no_target_leaves(stack: str) -> None:
+    flight = Flight(stack)
+    flight.vehicle.has_origin = False
+    flight.go(Goto((9, 8)) if stack.endswith("copter") else Mission(((2, 7),)), 20)
+    assert not flight.vehicle.armed
+    assert not flight.sent("COMMAND_INT")
+    assert not flight.sent("MISSION_COUNT")
+    flight.vehicle.has_origin = True
+    flight.run(60)
+    assert flight.driver.status is Status.ARRIVED
+
+
+def test_a_goal_that_a_neighbor_stands_on_is_refused_until_it_is_free() -> None:
+    flight = Flight("ardupilot-rover", min_separation_m=5.0).launched()
+    flight.driver.neighbors((((25.0, 75.0), 0.0),))
+    flight.go(Mission(((2, 7),)), 5)
+    assert flight.pursued == Hold("refused: another robot is there, or goes there")
+    assert not flight.sent("MISSION_COUNT")
+    flight.driver.neighbors(())
+    flight.run(40)
+    assert flight.driver.state(flight.now).cell == (2, 7)

@@ -36,6 +36,7 @@ class FakeVehicle:
         self.count, self.current, self.complete = 0, 0, False
         self.peer = (sysid, 191)
         self.received: list[mav.MAVLink_message] = []
+        self.has_origin = True
         self.silent = self.deaf_to_reposition = self.refuse_fence = self.stuck = False
         self.sent: dict[int, int] = {}
         self.out = b""
@@ -160,6 +161,9 @@ class FakeVehicle:
             lat, lon = (round(v * 1e7) for v in self.home)
             amsl = round(self.home_amsl * 1000)
             self.send(mav.MAVLink_home_position_message(lat, lon, amsl, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0))
+        elif m.command == 512 and m.param1 == 49 and self.now >= self.boot_ns and self.has_origin:
+            lat, lon = (round(v * 1e7) for v in self.home)
+            self.send(mav.MAVLink_gps_global_origin_message(lat, lon, round(self.home_amsl * 1000)))
         elif m.command == 400:
             result = 0 if self.now >= self.boot_ns and self.mode != 3 else 4
             self.armed = self.armed or result == 0

@@ -57,6 +57,7 @@ class FakeVehicle:
     is_critical: bool = False
     polls: int = 0
     refuses: Cell | None = None
+    sent_home: bool = False
 
     def receive(self, now_ns: int) -> None:
         pass
@@ -83,6 +84,13 @@ class FakeVehicle:
 
     def failed(self) -> bool:
         return self.refuses is not None and bool(self.commands) and self.commands[-1] == Goto(self.refuses)
+
+    def neighbors(self, positions: tuple[Any, ...]) -> None:
+        pass
+
+    def return_home(self, now_ns: int) -> bool:
+        self.sent_home = True
+        return True
 
     def holding(self, now_ns: int) -> bool:
         return bool(self.commands) and isinstance(self.commands[-1], Hold)

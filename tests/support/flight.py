@@ -28,7 +28,9 @@ SLICE_NS = NS_PER_S // 20
 class Flight:
     """One robot, one vehicle, one world. Time passes only in `fly`."""
 
-    def __init__(self, team: str = "1A0G", *, launch: str = "auto", dry_run: bool = False) -> None:
+    def __init__(
+        self, team: str = "1A0G", *, launch: str = "auto", dry_run: bool = False, on_stop: str = "hold"
+    ) -> None:
         kind = RobotKind.UAV if team == "1A0G" else RobotKind.UGV
         self.now_ns = 0
         self.world = random_world(Team.parse(team), 12, 15, 15, seed=3)
@@ -48,7 +50,7 @@ class Flight:
         self._observations: list[bytes] = []
         eyes = _Eyes(self._take_observations)
         ports = Ports(FakeRadio(), eyes, self.port, lambda: self.now_ns, self.log, published=self.snapshots.append)
-        settings = Settings(TICK_NS, dry_run=dry_run)
+        settings = Settings(TICK_NS, dry_run=dry_run, on_stop=on_stop)  # type: ignore[arg-type]
         self.daemon = Daemon(agent, Perception(1, kind, CONFIG.grid), ByteBudget(32_768), ports, settings)
 
     # the wire, as the port sees it

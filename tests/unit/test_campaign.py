@@ -36,8 +36,13 @@ def test_campaign_that_was_cut_off_goes_on_where_it_was(tmp_path: Path) -> None:
 
 def test_foreign_file_of_results_is_refused(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("not a result\n")
-    with pytest.raises(ConfigError, match="not a file of results"):
+    with pytest.raises(ConfigError, match="cannot be used as a file of results"):
         fly_all(FLIGHTS, results=tmp_path / "notes.txt")
+
+
+def test_file_of_results_that_cannot_be_written_is_refused_before_flying(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="No such file"):
+        fly_all(FLIGHTS, results=tmp_path / "nowhere" / "results.jsonl")
 
 
 def test_flights_under_other_conditions_have_other_keys() -> None:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from gatar_edge.bridge import wire
 from gatar_edge.bridge.codec import _BUILDERS, MAX_PARSE_BYTES, Codec, message_id, strip_signature
+from gatar_edge.bridge.signing import Signing
 
 VEHICLE = (7, 1)
 ITEM = wire.MissionItem(6, 16, (0.0, 0.0, 0.0, 0.0), 470000000, -80000000, 20.0)
@@ -26,6 +27,9 @@ SENDABLE = [
     wire.MissionRequestList(VEHICLE),
     wire.MissionClearAll(VEHICLE),
     wire.MissionSetCurrent(VEHICLE, 1),
+    wire.ParamRead(VEHICLE, "FS_GCS_ENABLE"),
+    wire.SetGlobalOrigin(7, 470000000, -80000000, 488_000),
+    wire.TimeSync(0, 123_456_789),
 ]
 NAMES = [
     "HEARTBEAT",
@@ -38,6 +42,9 @@ NAMES = [
     "MISSION_REQUEST_LIST",
     "MISSION_CLEAR_ALL",
     "MISSION_SET_CURRENT",
+    "PARAM_REQUEST_READ",
+    "SET_GPS_GLOBAL_ORIGIN",
+    "TIMESYNC",
 ]
 
 
@@ -115,3 +122,19 @@ def test_a_signature_is_cut_off_for_the_log() -> None:
     assert len(received.raw) == len(frame) - 13
     (again,) = Codec(7, 191).parse(received.raw)  # a reader of the log can parse it
     assert again.message == received.message
+
+
+@pytest.mark.parametrize("bits", [0, 0xFFB3B4C0, 0x7F800001, 5])
+def test_the_bits_of_a_parameter_survive_also_those_of_a_signalling_nan(bits: int) -> None:
+    frame = mav.MAVLink_param_value_message(b"N", 1.5, 6, 1, 0).pack(mav.MAVLink(None, 7, 1))
+    changed = frame[:10] + bits.to_bytes(4, "little") + frame[14:-2]
+    extra = mav.mavlink_map[22].crc_extra
+    changed += mav.x25crc(changed[1:] + bytes([extra])).crc.to_bytes(2, "little")
+    (read,) = Codec(7, 191).parse(changed)
+    assert read.message == wire.ParamValue("N", bits.to_bytes(4, "little"), 6)
+
+
+def test_a_signed_frame_is_told_from_one_that_is_not() -> None:
+    signed = Codec(7, 1, Signing(bytes(32), 1, 100)).encode(wire.TimeSync(0, 1))
+    plain = Codec(7, 1).encode(wire.TimeSync(0, 1))
+    assert [r.signed for r in Codec(7, 191).parse(signed + plain)] == [True, False]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -165,6 +166,9 @@ def test_what_queued_up_while_the_process_was_stopped_is_not_taken_for_fresh() -
     assert rig.vehicle.commands[-1] == Hold("no_perception")
     assert rig.daemon.counters.stalls == 1
     assert rig.daemon.counters.ticks_skipped == 50
+    ticks = rig.daemon.counters.ticks
+    rig.run(0.2, step_ns=NS_PER_S // 1000, seeing=False)
+    assert rig.daemon.counters.ticks == ticks + 1  # missed ones are not made up for
     rig.run(0.2)
     assert rig.vehicle.commands[-1] == Goto((5, 5))
 
@@ -177,10 +181,25 @@ def test_stopping_holds_the_vehicle_and_waits_for_it() -> None:
 
 
 def test_stopping_leaves_the_vehicle_to_its_last_order_where_so_configured() -> None:
-    rig = Rig(hold_on_stop=False)
+    rig = Rig(on_stop="leave")
     rig.run(1)
     assert rig.daemon.stop(rig.now_ns)
     assert rig.vehicle.commands[-1] == Goto((5, 5))
+
+
+def test_a_vehicle_that_was_sent_home_gets_no_other_order() -> None:
+    rig = Rig(on_stop="return")
+    rig.run(1)
+    assert rig.daemon.stop(rig.now_ns)
+    assert rig.vehicle.commands[-1] == Goto((5, 5))
+    assert rig.vehicle.sent_home
+
+
+def test_a_dry_run_sends_nothing_home() -> None:
+    rig = Rig(on_stop="return", dry_run=True)
+    rig.run(1)
+    assert rig.daemon.stop(rig.now_ns)
+    assert not rig.vehicle.sent_home
 
 
 def test_the_state_is_saved_once_a_period_not_once_a_tick() -> None:
@@ -194,8 +213,9 @@ def test_a_log_that_stopped_and_a_state_that_cannot_be_saved_are_problems_not_en
     rig = Rig()
     rig.log.stopped = "recording stopped: No space left on device"
     rig.saver.last_error = "No space left on device"
+    rig.daemon._ports = dataclasses.replace(rig.daemon._ports, radio_problem=lambda: "nobody is there")
     rig.run(1)
-    assert len(rig.last.problems) == 2
+    assert len(rig.last.problems) == 3
     assert rig.vehicle.commands[-1] == Goto((5, 5))
 
 

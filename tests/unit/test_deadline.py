@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from gatar_edge.allocators.base import Allocation
-from gatar_edge.deadline import Punctual, ThreadRunner
+from gatar_edge.allocators.base import Allocation, Negotiator
+from gatar_edge.deadline import Punctual, ThreadRunner, punctual
 from gatar_edge.errors import DeadlineError, ModelError
 from gatar_edge.types import RobotKind, RobotState
 from gatar_edge.view import View, build_view
@@ -47,6 +47,7 @@ def test_an_answer_in_time_is_passed_on(model: Model) -> None:
     punctual = Punctual(model, 60, ThreadRunner())
     assert punctual.name == "gatar"
     assert punctual.allocate(VIEW) is ANSWER
+    assert punctual.allocate(VIEW) is ANSWER
 
 
 def test_a_stuck_model_is_late_once_and_then_busy_without_any_wait(model: Model) -> None:
@@ -66,6 +67,38 @@ def test_a_late_answer_is_thrown_away_and_the_model_used_again(model: Model) -> 
     runner._results.put(runner._results.get(timeout=60))  # wait until it has come
     fresh = Allocation(np.array([0], np.int32), np.ones((1, 1), np.float32))
     assert runner.run(lambda: fresh, 60) is fresh
+
+
+class Talker(Model):
+    """A model that talks to its like."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.told: list[bytes] = []
+
+    def bid(self, view: View) -> tuple[bytes, ...]:
+        return (b"bid",)
+
+    def heard(self, payload: bytes, now_ns: int) -> None:
+        self.told.append(payload)
+
+
+def test_an_allocator_that_talks_goes_on_talking_but_not_while_it_is_late() -> None:
+    talker = Talker()
+    wrapped = punctual(talker, 0.001, ThreadRunner())
+    assert isinstance(wrapped, Negotiator)
+    wrapped.heard(b"one", 0)
+    assert wrapped.bid(VIEW) == (b"bid",)
+    with pytest.raises(DeadlineError):
+        wrapped.allocate(VIEW)
+    wrapped.heard(b"two", 0)
+    assert wrapped.bid(VIEW) == ()
+    talker.gate.set()
+    assert talker.told == [b"one"]
+
+
+def test_an_allocator_that_does_not_talk_is_not_taken_for_one_that_does(model: Model) -> None:
+    assert not isinstance(punctual(model, 1, ThreadRunner()), Negotiator)
 
 
 def test_what_the_model_raises_reaches_the_agent() -> None:

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gatar_edge.bridge import geo
+from gatar_edge.grid import simplify
 from gatar_edge.types import Cell, GridSpec
 
 LAT = st.floats(-60, 60)
@@ -106,7 +107,7 @@ def paths(draw: st.DrawFn) -> tuple[Cell, ...]:
 
 @given(paths())
 def test_the_simplified_path_runs_through_exactly_the_cells_of_the_path(path: tuple[Cell, ...]) -> None:
-    corners = geo.simplify(path)
+    corners = simplify(path)
     if len(path) == 1:
         assert corners == path
     else:
@@ -116,7 +117,7 @@ def test_the_simplified_path_runs_through_exactly_the_cells_of_the_path(path: tu
 @given(paths())
 def test_a_simplified_path_touches_no_cell_off_the_path(path: tuple[Cell, ...]) -> None:
     # sampled along the straight lines between centres, so that a diagonal leg would show
-    stops = (path[0], *geo.simplify(path))
+    stops = (path[0], *simplify(path))
     for a, b in pairwise(stops):
         for i in range(101):
             x, y = a[0] + (b[0] - a[0]) * i / 100, a[1] + (b[1] - a[1]) * i / 100
@@ -124,8 +125,8 @@ def test_a_simplified_path_touches_no_cell_off_the_path(path: tuple[Cell, ...]) 
 
 
 def test_only_corners_and_the_goal_remain() -> None:
-    assert geo.simplify(((0, 0), (0, 1), (0, 2), (1, 2), (2, 2))) == ((0, 2), (2, 2))
-    assert geo.simplify(()) == ()
+    assert simplify(((0, 0), (0, 1), (0, 2), (1, 2), (2, 2))) == ((0, 2), (2, 2))
+    assert simplify(()) == ()
 
 
 def test_a_diagonal_leg_has_no_cells() -> None:

@@ -76,3 +76,11 @@ def test_a_wrong_value_is_one_line_and_writes_nothing(tmp_path: Path, arguments:
         init(tmp_path, *GIVEN, *arguments)
     assert words in str(caught.value)
     assert not (tmp_path / "vehicle.toml").exists()
+
+
+def test_the_example_is_what_init_writes(tmp_path: Path) -> None:
+    example = Path(__file__).parents[2] / "examples" / "vehicle.toml"
+    init(
+        tmp_path, "--id", "3", "--kind", "UAV", "--origin", "47.397742,8.545594", "--url", "serial:/dev/ttyAMA0:921600"
+    )
+    assert (tmp_path / "vehicle.toml").read_text() == example.read_text()

@@ -11,7 +11,8 @@ import pytest
 from click.testing import CliRunner
 
 from gatar_edge.commands.init import command as init
-from gatar_edge.errors import GatarError
+from gatar_edge.errors import GatarError, ModelError
+from gatar_edge.policy import DEFAULT_MODEL
 from gatar_edge.preflight import Prepared, anchored_clock, describe, make_allocator, prepare
 from gatar_edge.types import RobotKind, RobotState
 from gatar_edge.vehicle_config import read_config
@@ -46,10 +47,25 @@ def check(path: Path) -> Prepared:
 def test_a_good_configuration_is_described_with_what_it_would_do(tmp_path: Path) -> None:
     prepared = check(written(tmp_path))
     text = "\n".join(describe(prepared, dry_run=False))
-    assert "takes over when a person has armed it to 20 m" in text
+    assert "takes off to 20 m when a person has armed it" in text
     assert "greedy 5 times a second" in text
     assert "635 of 32768 bytes/s" in text
     assert "shadow mode: no command is sent" in "\n".join(describe(prepared, dry_run=True))
+
+
+def test_a_model_that_was_trained_for_something_else_is_refused_with_both_values(tmp_path: Path) -> None:
+    path = written(tmp_path, "--allocator", "gatar", "--r-sense", "99")
+    with pytest.raises(ModelError, match=r"r_sense is [\d.]+ to [\d.]+ cells, the robot is configured to 99"):
+        check(path)
+
+
+def test_a_file_that_is_no_model_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path, "--allocator", "gatar")
+    (tmp_path / "no.onnx").write_bytes(b"no model")
+    edit('allocator = "gatar"', 'allocator = "gatar"\nfile = "no.onnx"')(tmp_path)
+    with pytest.raises(ModelError, match=r"no\.onnx") as caught:
+        check(path)
+    assert "\n" not in str(caught.value)
 
 
 def break_key(folder: Path) -> None:
@@ -99,12 +115,8 @@ def test_each_mistake_is_one_line(tmp_path: Path, break_it: Callable[[Path], Non
 
 
 def test_a_model_file_that_vanishes_in_flight_changes_nothing(tmp_path: Path) -> None:
-    registry = pytest.importorskip("gatar_edge.allocators.gatar")
-    shipped = Path(registry.__file__).parents[1] / "models" / "gatar.onnx"
-    if not shipped.is_file():
-        pytest.skip("no model is shipped")
     path = written(tmp_path)
-    (tmp_path / "mine.onnx").write_bytes(shipped.read_bytes())
+    (tmp_path / "mine.onnx").write_bytes(DEFAULT_MODEL.read_bytes())
     edit('allocator = "greedy"', 'allocator = "gatar"\nfile = "mine.onnx"')(tmp_path)
     config = read_config(path)
     allocator = make_allocator(config)

@@ -20,6 +20,7 @@ from gatar_edge.commands.log import command
 from gatar_edge.config import AgentConfig
 from gatar_edge.errors import GatarError, LogError
 from gatar_edge.keys import DEMO_KEY
+from gatar_edge.persist import snapshot
 from gatar_edge.record import Recorder
 from gatar_edge.review.explain import explain, words
 from gatar_edge.review.export import export_csv, export_tlog
@@ -27,6 +28,7 @@ from gatar_edge.review.merge import merge
 from gatar_edge.review.moment import explain_at
 from gatar_edge.review.reader import LogReader, json_object
 from gatar_edge.review.replay import Replay
+from gatar_edge.review.story import read_story
 from gatar_edge.runinfo import describe_run
 from gatar_edge.tasks import to_command
 from gatar_edge.types import NS_PER_S, GridSpec, RobotKind
@@ -133,6 +135,26 @@ def test_logs_of_robots_with_different_clocks_land_on_one_time_line(tmp_path: Pa
     assert replayed.robots == {1, 2}
 
 
+def test_without_a_simulator_the_log_counts_the_targets_that_robots_knew(tmp_path: Path) -> None:
+    config = AgentConfig(grid=GridSpec(width=8, height=8))
+    robot = Identity(1, RobotKind.UAV, 1.0)
+    agent = Agent(robot, config, Greedy(), DEMO_KEY)
+    recorder = Recorder(tmp_path / "a.mcap", describe_run(config, [robot], "greedy"), 0)
+    for second, cell in enumerate(((1, 1), (1, 2), (1, 3))):
+        seen = observation(cell, targets=[(1, 3), (6, 6)], t_ns=second * NS_PER_S)
+        agent.observe(seen)
+        recorder.observation(seen)
+        decision = agent.decide(second * NS_PER_S)
+        command = to_command(robot.kind, decision.assignment)
+        recorder.decision(decision, command, command, second * NS_PER_S)
+        recorder.belief(1, agent.belief, config.grid, second * NS_PER_S)
+    recorder.close()
+    story = read_story(LogReader(tmp_path / "a.mcap"))
+    assert (story["result"]["localized"], story["result"]["reachable"]) == (1, 2)
+    assert story["visits"] == [[2000, 1, 1, 3, None]]
+    assert "1 of 2 that the robots knew of" in run("info", tmp_path / "a.mcap").output
+
+
 def test_merging_takes_two_logs_and_spares_its_sources(tmp_path: Path) -> None:
     one, two = record_pair(tmp_path, 0, MS)
     for sources, output in (([one], tmp_path / "x.mcap"), ([one, two], one)):
@@ -209,3 +231,30 @@ def test_a_difference_gives_exit_code_one(tmp_path: Path) -> None:
     result = run("replay", tmp_path / "b.mcap")
     assert result.exit_code == 1
     assert "first difference: robot" in result.output
+
+
+def test_files_that_a_recorder_rotated_replay_once_they_are_merged(tmp_path: Path) -> None:
+    config = AgentConfig(grid=GridSpec(width=8, height=8))
+    robot = Identity(1, RobotKind.UAV, 1.0)
+    agent = Agent(robot, config, Greedy(), DEMO_KEY)
+    info = describe_run(config, [robot], "greedy")
+    paths = [tmp_path / "one.mcap", tmp_path / "two.mcap"]
+    for part, path in enumerate(paths):
+        recorder = Recorder(path, info, part * 5 * NS_PER_S)
+        if part:
+            recorder.takes_over(snapshot(agent, 0), 5 * NS_PER_S)
+        for second in range(part * 5, part * 5 + 5):
+            now = second * NS_PER_S
+            seen = observation((1, second % 8), targets=[(6, 6)], t_ns=now)
+            agent.observe(seen)
+            recorder.observation(seen)
+            decision = agent.decide(now)
+            command = to_command(robot.kind, decision.assignment)
+            recorder.decision(decision, command, command, now)
+            recorder.sent(1, agent.beacon(now), now)
+        recorder.close()
+    result = merge(paths, tmp_path / "whole.mcap")
+    assert result.unplaced == ()
+    replayed = Replay(lambda _: Greedy()).run(LogReader(tmp_path / "whole.mcap"))
+    assert replayed.same
+    assert replayed.decisions == 10

@@ -32,6 +32,7 @@ KNOWN = Known(
     pilot=False,
     ready=True,
     home=True,
+    origin=True,
     position_m=(25.0, 75.0),
     position_ns=100 * S - S // 2,
     pursued=Goto((1, 1)),
@@ -58,6 +59,7 @@ def test_a_command_with_nothing_against_it_passes_unchanged(wanted: VehicleComma
         ({"pilot": True}, Refusal.PILOT),
         ({"ready": False}, Refusal.NOT_READY),
         ({"home": False}, Refusal.NO_HOME),
+        ({"origin": False}, Refusal.NO_ORIGIN),
         ({"position_m": None}, Refusal.NO_POSITION),
         ({"position_ns": 100 * S - S - 1}, Refusal.STALE_POSITION),
     ],
@@ -106,6 +108,25 @@ def test_neither_a_target_nor_the_way_to_it_may_leave_the_fence(wanted: VehicleC
 
 def test_a_vehicle_that_strayed_outside_the_fence_may_come_back() -> None:
     assert gate(Goto((2, 2)), known(position_m=(75.0, 75.0)), limits(fence_m=NOTCHED)) == Goto((2, 2))
+
+
+@pytest.mark.parametrize(
+    ("wanted", "neighbor", "passes"),
+    [
+        (Goto((9, 8)), ((95.0, 85.0), 20.0), False),
+        (Goto((9, 8)), ((95.0, 79.9), 20.4), False),  # 5.1 m away
+        (Goto((9, 8)), ((95.0, 77.0), 20.0), True),  # 8 m away
+        (Goto((9, 8)), ((95.0, 85.0), 22.0), True),  # another layer
+        (Mission(((2, 2), (9, 2))), ((95.0, 25.0), 20.0), False),
+        (Mission(((2, 2), (9, 2), (9, 5))), ((95.0, 25.0), 20.0), True),  # passing by is not resting there
+    ],
+)
+def test_no_vehicle_goes_to_rest_where_another_one_of_its_layer_is(
+    wanted: VehicleCommand, neighbor: tuple[tuple[float, float], float], passes: bool
+) -> None:
+    expected = wanted if passes else Hold(Refusal.SEPARATION.value)
+    assert gate(wanted, known(neighbors=(neighbor,)), limits(min_separation_m=6.0)) == expected
+    assert gate(wanted, known(neighbors=(neighbor,)), LIMITS) == wanted  # not asked for
 
 
 def test_too_soon_for_another_task_keeps_the_one_pursued() -> None:

@@ -8,10 +8,11 @@ from builders import belief_of, robot, view_of
 from gatar_edge.allocators.base import NO_TARGET, Allocation
 from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.allocators.nearest import Nearest
-from gatar_edge.tasks import Rules, Task, contested, decide, to_command
+from gatar_edge.tasks import MOST_CHANGES, Rules, Task, contested, decide, to_command
 from gatar_edge.types import Cell, Goto, Hold, Mission, Reason, RobotKind, TaskKind
 from gatar_edge.view import View
 
+FOLLOW = Rules(keep=False)
 ROW = belief_of("T......T")  # targets at (0, 0) and (7, 0)
 
 
@@ -32,6 +33,37 @@ def test_a_task_is_kept_though_another_target_is_nearer() -> None:
 def test_without_keeping_the_allocator_is_followed() -> None:
     view = view_of(ROW, robot(1, (2, 0), target=(7, 0)))
     assert decided(view, Task(TaskKind.TARGET, (7, 0)), keep=False)[1] == (0, 0)
+
+
+def test_a_robot_that_changed_its_mind_too_often_goes_to_the_end_of_its_task() -> None:
+    other = _only(0)
+    task = Task(TaskKind.TARGET, (7, 0), (), MOST_CHANGES)
+    far = view_of(ROW, robot(1, (5, 0), target=(7, 0)))
+    near = view_of(ROW, robot(1, (3, 0), target=(7, 0)))
+    assert decide(far, other, task, FOLLOW).cell == (7, 0)
+    assert decide(near, other, task, FOLLOW).cell == (0, 0)
+
+
+def test_patience_is_renewed_when_a_task_ends() -> None:
+    tired = Task(TaskKind.TARGET, (7, 0), (), MOST_CHANGES)
+    there = decide(view_of(belief_of("T......x"), robot(1, (7, 0))), _only(0), tired, FOLLOW)
+    assert tired.followed_by(there, given_up=False).changes == 0
+
+
+def test_a_task_that_goes_on_changes_nothing() -> None:
+    tired = Task(TaskKind.TARGET, (7, 0), (), 2)
+    on = decide(view_of(ROW, robot(1, (5, 0), target=(7, 0))), _only(1), tired, FOLLOW)
+    assert tired.followed_by(on, given_up=False).changes == 2
+
+
+def test_plans_that_flip_at_every_step_do_not_keep_a_robot_from_arriving() -> None:
+    cell, task, steps = (3, 0), Task(), 0
+    while cell not in ((0, 0), (7, 0)):
+        assert steps < 20
+        assignment = decide(view_of(ROW, robot(1, cell)), _only(steps % 2), task, FOLLOW)
+        task = task.followed_by(assignment, given_up=task.kind is TaskKind.TARGET and assignment.cell != task.cell)
+        cell = assignment.path[assignment.path.index(cell) + 1]
+        steps += 1
 
 
 def test_a_task_ends_when_the_target_is_localized() -> None:

@@ -69,10 +69,13 @@ def test_paths_are_relative_to_the_file(tmp_path: Path) -> None:
         (("[robot]", "[loop]\ntick_hz = 5.0\ndeadline_ms = 200.0\n[robot]"), "$.loop"),
         (("[robot]", "[robot"), "line"),
         (("[vehicle]", "[vehicle]\non_stop = 'crash'"), "$.vehicle.on_stop"),
+        (("[vehicle]", "[vehicle]\nmin_separation_m = -1"), "$.vehicle.min_separation_m"),
         (("[vehicle]", "[vehicle]\nfence = [[47.0, 8.0], [47.1, 8.0]]"), "fence has 2 corners"),
         (("[vehicle]", "[vehicle]\nfence = [[8.0, 247.0]]"), "$.vehicle.fence[0][1]"),
         (("[net]", "cell_m = 0.1\n[net]"), "robot.speed_m_s 5 is 50 cells/s"),
         (("id = 3", "id = 300"), "vehicle.sysid"),
+        (("[net]", "[net]\ntransport = 'zenoh'"), "no zenoh endpoint"),
+        (("[net]", "[net]\ntransport = 'mavlink'\ngroup = '239.1.1.1:1'"), "`group` is of transport udp"),
     ],
 )
 def test_a_mistake_is_one_line_with_its_place(change: tuple[str, str], words: str) -> None:

@@ -38,6 +38,8 @@ class GatarConfig:
     competition: bool = True  # the largest bids and scores of the neighbours
     summary: bool = True  # the robot's own bid-weighted mean
     order: bool = True  # ranks of robots and targets, by which every robot breaks ties alike
+    tasks: bool = False  # what robots are doing: off for imitation, where it would tell of the expert's past choices
+    ages: bool = False  # how old the news of a robot is
     shortcuts: bool = True  # eq. 9b: K_ll
     shared: bool = True  # one set of parameters for the rounds of one direction and level
     channels: tuple[bool, ...] = (True,) * len(CHANNELS)  # which of the four maps are seen
@@ -60,6 +62,7 @@ class WindowEncoder(nn.Module):
         super().__init__()
         self.first = nn.Conv2d(len(CHANNELS), channels, 3, padding=1)
         self.second = nn.Conv2d(channels, channels, 3, padding=1)
+        self.seen: Tensor
         self.register_buffer("seen", torch.tensor(seen, dtype=torch.float32)[:, None, None], persistent=False)
         self.channels = channels
 
@@ -141,21 +144,21 @@ class Gatar(nn.Module):
         width = config.width
         read = config.conv_channels if config.maps else 0
         self.window = WindowEncoder(read, config.channels) if config.maps else None
-        features = len(PAIR_FEATURES) + len(ROBOT_FEATURES) + read
-        self.encode = nn.Sequential(nn.Linear(features, 2 * width), nn.ReLU(), nn.Linear(2 * width, width))
+        size = len(PAIR_FEATURES) + len(ROBOT_FEATURES) + read
+        self.encode = nn.Sequential(nn.Linear(size, 2 * width), nn.ReLU(), nn.Linear(2 * width, width))
         self.score = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, 1))
         self.none = nn.Sequential(nn.Linear(width + len(ROBOT_FEATURES), width), nn.ReLU(), nn.Linear(width, 1))
         self.plan = _round_plan(config)
         self.rounds = nn.ModuleList(Round(config) for _ in range(max(self.plan) + 1))
         turn = len(config.levels) // 2
         self.shortcut = nn.ModuleList(nn.Linear(width, width) for _ in set(config.levels[turn:]) if config.shortcuts)
-        pairs = torch.ones(len(PAIR_FEATURES))
-        robots = torch.ones(len(ROBOT_FEATURES))
-        if not config.order:
-            pairs[[PAIR_FEATURES.index("robot_rank"), PAIR_FEATURES.index("target_rank")]] = 0
-            robots[RANK] = 0
-        self.register_buffer("pair_scale", pairs, persistent=False)
-        self.register_buffer("robot_scale", robots, persistent=False)
+        hidden = {"robot_rank", "target_rank", "rank"} if not config.order else set()
+        hidden |= {"task", "busy"} if not config.tasks else set()
+        hidden |= {"age"} if not config.ages else set()
+        self.pair_scale: Tensor
+        self.robot_scale: Tensor
+        for name, features in (("pair_scale", PAIR_FEATURES), ("robot_scale", ROBOT_FEATURES)):
+            self.register_buffer(name, torch.tensor([float(f not in hidden) for f in features]), persistent=False)
 
     def forward(
         self, maps: Tensor, robots: Tensor, pairs: Tensor, cells: Tensor, valid: Tensor, offsets: Tensor, hops: Tensor

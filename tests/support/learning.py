@@ -1,0 +1,35 @@
+"""A tiny data set and a tiny finished run, made once for all tests of learning and export."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
+
+from gatar_edge.learn.dataset import DataOptions, generate
+from gatar_edge.learn.train import Trainer, TrainOptions
+
+OPTIONS = DataOptions(("1A1G", "2A2G"), (15,), (6.0, 3.0), 6 * 1024, 5)
+TINY = {"width": 8, "heads": 2, "levels": [1, 2, 1], "conv_channels": 2}
+
+
+@cache
+def tiny_data() -> Path:
+    """A folder with two shards."""
+    folder = Path(mkdtemp(prefix="gatar-data-"))
+    generate(OPTIONS, folder, workers=1)
+    return folder
+
+
+def options(**changes: object) -> TrainOptions:
+    """A run of seconds."""
+    values = {"network": "gatar", "data": str(tiny_data()), "steps": 12, "batch": 16, "warm_up": 5, "settings": TINY}
+    return TrainOptions(**{**values, **changes})  # type: ignore[arg-type]
+
+
+@cache
+def tiny_run() -> Path:
+    """A finished run."""
+    folder = Path(mkdtemp(prefix="gatar-run-"))
+    Trainer(options(), folder).run(lambda progress: None)
+    return folder

@@ -1,0 +1,42 @@
+"""The examples run as they stand."""
+
+from __future__ import annotations
+
+import json
+import runpy
+import socket
+from pathlib import Path
+
+import pytest
+
+from gatar_edge.perception import ObservationOutcome, Perception, decode_datagram
+from gatar_edge.types import GridSpec, RobotKind
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def test_the_smallest_perception_is_understood_by_a_daemon(monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as daemon:
+        daemon.bind(("127.0.0.1", 0))
+        daemon.settimeout(30)
+        address = "{}:{}".format(*daemon.getsockname())
+        monkeypatch.setattr("sys.argv", ["perception.py", address, "0.01"])
+        runpy.run_path(str(EXAMPLES / "perception.py"), run_name="__main__")
+        judge = Perception(1, RobotKind.UAV, GridSpec())
+        judge.take(daemon.recv(65_536), 0, None)
+    assert judge.counters[ObservationOutcome.ACCEPTED] == 1
+
+
+def test_the_adapters_print_a_good_datagram(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["perception_adapters.py"])
+    runpy.run_path(str(EXAMPLES / "perception_adapters.py"), run_name="__main__")
+    printed = capsys.readouterr().out
+    assert decode_datagram(printed.encode()).obstacles == [tuple(cell) for cell in json.loads(printed)["obstacles"]]
+
+
+def test_the_service_is_hardened_and_watched() -> None:
+    unit = (EXAMPLES / "systemd" / "gatar-vehicle@.service").read_text().splitlines()
+    needed = {"Type=notify", "WatchdogSec=5", "NoNewPrivileges=yes", "ProtectSystem=strict", "Restart=always"}
+    assert needed <= set(unit)

@@ -1,0 +1,92 @@
+"""The training loop: it learns, repeats itself, and goes on where it was cut off."""
+
+import json
+
+import pytest
+import torch
+from learning import options, tiny_run
+from safetensors.torch import load_file
+
+from gatar_edge.errors import ConfigError
+from gatar_edge.learn.networks import build
+from gatar_edge.learn.train import Trainer, load_model
+
+
+class CutError(Exception):
+    """Stands for a power cut."""
+
+
+def cut_after(step):
+    def report(progress):
+        if progress.step == step:
+            raise CutError
+
+    return report
+
+
+def same(one, other):
+    left, right = load_file(one), load_file(other)
+    return left.keys() == right.keys() and all(torch.equal(left[name], right[name]) for name in left)
+
+
+def test_the_loss_falls(tmp_path):
+    losses = []
+    Trainer(options(steps=80, rate=5e-3), tmp_path).run(lambda progress: losses.append(progress.loss))
+    assert sum(losses[-10:]) < 0.7 * sum(losses[:10])
+
+
+def test_the_same_seed_gives_the_same_weights(tmp_path):
+    weights = Trainer(options(), tmp_path).run(lambda progress: None)
+    assert same(weights, tiny_run() / "model.safetensors")
+
+
+def test_another_seed_gives_other_weights(tmp_path):
+    weights = Trainer(options(seed=1), tmp_path).run(lambda progress: None)
+    assert not same(weights, tiny_run() / "model.safetensors")
+
+
+def test_a_run_that_was_cut_off_ends_with_the_weights_of_one_that_was_not(tmp_path):
+    with pytest.raises(CutError):
+        Trainer(options(), tmp_path).run(cut_after(7), checkpoint_every_s=0.0)
+    again = Trainer(options(), tmp_path)
+    assert 0 < again.step < 12
+    assert same(again.run(lambda progress: None), tiny_run() / "model.safetensors")
+
+
+def test_the_folder_of_another_run_is_refused(tmp_path):
+    Trainer(options(), tmp_path)
+    with pytest.raises(ConfigError, match="another run"):
+        Trainer(options(rate=1.0), tmp_path)
+
+
+def test_a_run_needs_exactly_one_end(tmp_path):
+    with pytest.raises(ConfigError, match="minutes or steps"):
+        Trainer(options(steps=0), tmp_path)
+    with pytest.raises(ConfigError, match="minutes or steps"):
+        Trainer(options(minutes=1.0), tmp_path)
+
+
+def test_a_run_by_the_clock_ends(tmp_path):
+    trainer = Trainer(options(steps=0, minutes=0.01), tmp_path)
+    trainer.run(lambda progress: None)
+    assert trainer.seconds >= 0.6
+
+
+def test_an_unfinished_run_has_no_model(tmp_path):
+    with pytest.raises(ConfigError, match="not a finished training run"):
+        load_model(tmp_path)
+
+
+def test_a_finished_run_says_what_it_is():
+    network, description = load_model(tiny_run())
+    assert not network.training
+    assert description["parameters"] == sum(p.numel() for p in network.parameters())
+    assert description["train"]["steps"] == 12
+    lines = (tiny_run() / "log.jsonl").read_text().splitlines()
+    assert all(json.loads(line)["loss"] > 0 for line in lines)
+
+
+@pytest.mark.parametrize(("name", "settings"), [("other", {}), ("gatar", {"breadth": 3})])
+def test_an_unknown_network_or_setting_is_named(name, settings):
+    with pytest.raises(ConfigError, match=r"other|breadth"):
+        build(name, settings)
