@@ -204,7 +204,7 @@ def parse_config(text: str | bytes, name: str = "vehicle.toml") -> VehicleConfig
     """The configuration in TOML `text`. Raises ConfigError: what is wrong, and where in the file."""
     try:
         return msgspec.toml.decode(text, type=VehicleConfig)
-    except ValueError as error:  # msgspec's errors, tomllib's, and bytes that are not UTF-8
+    except (ValueError, RecursionError) as error:  # msgspec's errors, tomllib's, bytes that are not UTF-8, deep nests
         raise ConfigError(f"{name}: {_plain(str(error))}") from error
 
 
