@@ -12,7 +12,11 @@ from gatar_edge.journal import Journal
 from gatar_edge.types import Hold, VehicleCommand, VehicleState
 
 _QUIET = {EventKind.COMMAND, EventKind.STATUS, EventKind.RATES}  # in the log alone, not in the journal
-_ELSEWHERE = {Refusal.OUTSIDE_FENCE.value, Refusal.OUTSIDE_GRID.value, Refusal.SEPARATION.value}  # refusals that hold for this goal alone
+_ELSEWHERE = {
+    Refusal.OUTSIDE_FENCE.value,
+    Refusal.OUTSIDE_GRID.value,
+    Refusal.SEPARATION.value,
+}  # refusals that hold for this goal alone
 STANDS_M_S = 0.3
 
 

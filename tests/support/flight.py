@@ -28,7 +28,9 @@ SLICE_NS = NS_PER_S // 20
 class Flight:
     """One robot, one vehicle, one world. Time passes only in `fly`."""
 
-    def __init__(self, team: str = "1A0G", *, launch: str = "auto", dry_run: bool = False, on_stop: str = "hold") -> None:
+    def __init__(
+        self, team: str = "1A0G", *, launch: str = "auto", dry_run: bool = False, on_stop: str = "hold"
+    ) -> None:
         kind = RobotKind.UAV if team == "1A0G" else RobotKind.UGV
         self.now_ns = 0
         self.world = random_world(Team.parse(team), 12, 15, 15, seed=3)
