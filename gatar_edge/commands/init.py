@@ -58,7 +58,7 @@ altitude_m = {altitude}        # above home; give each UAV its own layer
 # drive = "mission"        # how a UGV is driven: "mission" or "guided"
 launch = {launch}          # "armed": take over, and take off, once a person has armed it; "auto": arm it, too
 # min_separation_m = 0.0   # of ground robots: none goes to within this of another one's place; 0: not asked
-# on_stop = "hold"         # SIGTERM stops the vehicle; "return": a UAV returns to launch; "leave" leaves it to its last order
+# on_stop = "hold"         # SIGTERM stops the vehicle; "return": a UAV returns to launch; "leave": its last order holds
 
 [perception]
 listen = {perception}  # or "unix:/run/gatar/perception.sock"; format: docs/observation.schema.json

@@ -12,7 +12,8 @@ import pytest
 from click.testing import CliRunner
 
 from gatar_edge.allocators.registry import make
-from gatar_edge.commands.sim import command, fleet_config
+from gatar_edge.commands._sim import fleet_config
+from gatar_edge.commands.sim import command
 from gatar_edge.errors import ConfigError, LogError
 from gatar_edge.sim_sitl.faults import Faults, LinkFaults
 from gatar_edge.sim_sitl.fleet import Fleet, FleetConfig, lock_step

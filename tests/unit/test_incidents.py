@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from gatar_edge.allocators.registry import make
-from gatar_edge.commands.sim import fleet_config
+from gatar_edge.commands._sim import fleet_config
 from gatar_edge.errors import ConfigError
 from gatar_edge.sim_sitl.autopilot import AutopilotConfig, SimAutopilot
 from gatar_edge.sim_sitl.faults import Faults
