@@ -55,6 +55,7 @@ url = {url}  # udpin:host:port, udpout:host:port, tcp:host:port, serial:device:b
 altitude_m = {altitude}        # above home; give each UAV its own layer
 # altitude_band_m = [2.0, 120.0]
 # fence = [[47.0, 8.0], [47.0, 8.1], [47.1, 8.1]]  # corners; without it the grid's rectangle
+# signing_key_file = ""    # 32 bytes, mode 0600, as the autopilot was given it; empty: nothing is signed
 # drive = "mission"        # how a UGV is driven: "mission" or "guided"
 launch = {launch}          # "armed": take over, and take off, once a person has armed it; "auto": arm it, too
 # min_separation_m = 0.0   # of ground robots: none goes to within this of another one's place; 0: not asked
