@@ -118,7 +118,7 @@ def command(seeds: str, allocator: str, kills: int, as_json: bool, **options: An
       gatar bench missions --seeds 1-50
       gatar bench missions --team 6A6G --kills 4 --seeds 1-20 --json
     """
-    from gatar_edge.commands.sim import fleet_config
+    from gatar_edge.commands._sim import fleet_config
 
     flown = []
     for seed in seeds_of(seeds):
