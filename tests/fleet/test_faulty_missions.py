@@ -12,8 +12,8 @@ import pytest
 from click.testing import CliRunner
 
 from gatar_edge.allocators.registry import make
-from gatar_edge.commands.bench_missions import command, fly_watched, seeds_of, with_kills
 from gatar_edge.commands._sim import fleet_config
+from gatar_edge.commands.bench_missions import command, fly_watched, seeds_of, with_kills
 from gatar_edge.errors import ConfigError
 from gatar_edge.mission_watch import Orphan, Watch
 from gatar_edge.sim_sitl.faulty_link import End
