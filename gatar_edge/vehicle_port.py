@@ -30,7 +30,7 @@ class FrameLog(Protocol):
 
 
 class AutopilotPort:
-    """Pumps bytes between driver and link. A `daemon.Vehicle`."""
+    """Pumps bytes between driver and link. A `ports.Vehicle`."""
 
     def __init__(
         self,
