@@ -19,7 +19,7 @@ from gatar_edge.bridge.heartbeat import Heart
 from gatar_edge.bridge.launch import Phase
 from gatar_edge.bridge.memory import NOTHING, DriverMemory
 from gatar_edge.bridge.profiles import Unsupported, choose
-from gatar_edge.bridge.safety import Known, Neighbor, Refusal, gate
+from gatar_edge.bridge.safety import GOAL_REFUSALS, Known, Neighbor, Refusal, gate
 from gatar_edge.bridge.settings import DriverConfig
 from gatar_edge.bridge.signing import TICK_NS, Signing
 from gatar_edge.bridge.status import DriverEvent, EventKind, Status
@@ -61,6 +61,7 @@ class VehicleDriver:
         self._launch = config.auto_launch
         self._connected = False
         self._pursued: VehicleCommand = Hold("no command yet")
+        self._refused_goal = False
         self._memory = memory  # until it was used
         self._here: tuple[tuple[float, float], Point] | None = None  # (lat, lon) and the same in the grid's metres
         self._applied = False  # it was sent
@@ -89,6 +90,7 @@ class VehicleDriver:
     def command(self, wanted: VehicleCommand, now_ns: int) -> VehicleCommand:
         """Want this from now on. Returns what passed the gate and is pursued; the same again changes nothing."""
         passed = gate(wanted, self._known(now_ns), self._limits)
+        self._refused_goal = isinstance(passed, Hold) and passed.reason in GOAL_REFUSALS
         if passed not in (wanted, self._pursued) and isinstance(passed, Hold):
             self._tell(now_ns, EventKind.GATE, f"{wanted} -> {passed.reason}")
         if self._resumes(passed, now_ns):
@@ -173,6 +175,11 @@ class VehicleDriver:
     def status(self) -> Status:
         """How the pursuit of the current command goes."""
         return self._vehicle.status if self._vehicle is not None else Status.IDLE
+
+    @property
+    def cannot_go(self) -> bool:
+        """Whether the vehicle cannot go where it was last told to: that goal is another robot's."""
+        return self._refused_goal or self.status.failed
 
     def state(self, now_ns: int) -> VehicleState:
         """What is known of the vehicle."""

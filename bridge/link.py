@@ -2,7 +2,7 @@
 
     udpin:HOST:PORT     listen; several vehicles may speak, each is answered at the address it spoke from last
     udpout:HOST:PORT    speak first, to one address
-    tcp:HOST:PORT       connect; lost connections are opened again, at most once a second
+    tcp:HOST:PORT       connect; lost connections are opened again, at most once a second, without waiting for them
     serial:DEVICE[:BAUD]  needs pyserial; 57600 baud unless told
 
 Opening raises `LinkError` with one line; after that nothing raises: what cannot be sent now is dropped, as a radio
@@ -21,12 +21,12 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Any
 
+from gatar_edge.bridge import tcp
 from gatar_edge.errors import LinkError, MissingExtraError
 
 MAX_DATAGRAM = 1200  # bytes of whole frames in one datagram: below any path's MTU
 MAX_READS = 256  # in one `receive`, so that a flood cannot keep the loop
 READ_BYTES = 65536
-CONNECT_S = 3.0
 RECONNECT_S = 1.0
 DEFAULT_BAUD = 57600
 
@@ -163,6 +163,7 @@ class StreamLink(Link):
     """A TCP connection or a serial port, opened again when it breaks."""
 
     def __init__(self, url: str, connect: Callable[[], Any], clock: Callable[[], float] = time.monotonic) -> None:
+        """`connect` does not wait: what it returns may still be connecting, and breaks if that fails."""
         self.url = url
         self._connect, self._clock = connect, clock
         self._port: Any = None
@@ -266,7 +267,11 @@ def open_link(url: str) -> Link:
         return _open_serial(url, *_device_baud(url, rest))
     host, port = _host_port(url, rest)
     if scheme == "tcp":
-        return StreamLink(url, lambda: _connect(host, port))
+        try:
+            connect = tcp.connections(host, port)
+        except OSError as error:
+            raise _cannot_open(url, error) from None
+        return StreamLink(url, connect)
     return UdpLink(url, host, port, listen=scheme == "udpin")
 
 
@@ -275,13 +280,6 @@ def _host_port(url: str, rest: str) -> tuple[str, int]:
     if not host or not port.isdecimal() or not 0 < int(port) < 65536:
         raise LinkError(f"link {url!r}: expected HOST:PORT with a port of 1 to 65535, as in udpin:0.0.0.0:14550")
     return host.strip("[]"), int(port)
-
-
-def _connect(host: str, port: int) -> socket.socket:
-    connection = socket.create_connection((host, port), timeout=CONNECT_S)
-    connection.setblocking(False)
-    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    return connection
 
 
 def _device_baud(url: str, rest: str) -> tuple[str, int]:

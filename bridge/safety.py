@@ -35,6 +35,8 @@ class Refusal(StrEnum):
     SEPARATION = "refused: another robot is there, or goes there"
 
 
+GOAL_REFUSALS = {Refusal.OUTSIDE_FENCE.value, Refusal.OUTSIDE_GRID.value, Refusal.SEPARATION.value}  # another may do
+
 Neighbor = tuple[Point, float]  # metres along the grid's axes, and metres above home
 
 

@@ -7,28 +7,24 @@ own failsafe acts.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol
+from typing import Literal
 
 from gatar_edge.agent import Agent
-from gatar_edge.bridge.memory import DriverMemory
 from gatar_edge.health import Counters, NeighborLine, Shunned, Snapshot, usable
-from gatar_edge.journal import Journal, TextLog
+from gatar_edge.journal import Journal
 from gatar_edge.neighbors import HearOutcome
 from gatar_edge.perception import Perception
 from gatar_edge.persist import SavedState, snapshot
-from gatar_edge.separation import Place, occupied
+from gatar_edge.ports import Ports
+from gatar_edge.separation import occupied
 from gatar_edge.tasks import to_command
-from gatar_edge.transports.base import Transport
 from gatar_edge.transports.budget import ByteBudget
 from gatar_edge.types import (
     NS_PER_S,
-    ByteGrid,
     Decision,
-    GridSpec,
     Hold,
-    Observation,
     Reason,
     TaskKind,
     VehicleCommand,
@@ -47,64 +43,6 @@ _STRANGE = {
     HearOutcome.VERSION: "neighbour with another version of the message: not heard",
 }
 _EFFECTIVE = (HearOutcome.ACCEPTED, HearOutcome.NEARER, HearOutcome.TALK)
-
-
-class Source(Protocol):
-    """Where observations come from; never blocks, never raises."""
-
-    def receive(self) -> list[bytes]: ...
-
-
-class Vehicle(Protocol):
-    """The autopilot behind its bridge; see `vehicle_port.AutopilotPort`."""
-
-    def receive(self, now_ns: int) -> None: ...
-    def command(self, wanted: VehicleCommand, now_ns: int) -> VehicleCommand: ...
-    def poll(self, now_ns: int) -> None: ...
-    def state(self, now_ns: int) -> VehicleState: ...
-    def critical(self, critical: bool) -> None: ...
-    def holding(self, now_ns: int) -> bool: ...
-    def failed(self) -> bool: ...
-    def neighbors(self, positions: tuple[Place, ...]) -> None: ...
-    def return_home(self, now_ns: int) -> bool: ...
-    def memory(self) -> DriverMemory: ...
-
-
-class Log(TextLog, Protocol):
-    """The part of `record.Recorder` that the loop feeds."""
-
-    @property
-    def stopped(self) -> str: ...
-    def observation(self, observation: Observation) -> None: ...
-    def heard(self, robot_id: int, datagram: bytes, outcome_name: str, now_ns: int) -> None: ...
-    def sent(self, robot_id: int, datagram: bytes, now_ns: int) -> None: ...
-    def decision(self, decision: Decision, wanted: VehicleCommand, sent: VehicleCommand, now_ns: int) -> None: ...
-    def vehicle(self, robot_id: int, state: VehicleState, now_ns: int) -> None: ...
-    def belief(self, robot_id: int, belief: ByteGrid, grid: GridSpec, now_ns: int) -> None: ...
-    def poll(self, now_ns: int) -> None: ...
-
-
-class Saver(Protocol):
-    """Keeps states; see `persist.StateSaver`."""
-
-    failed: int
-    last_error: str
-
-    def save_soon(self, state: SavedState) -> None: ...
-
-
-@dataclass(frozen=True, slots=True)
-class Ports:
-    """Everything that the daemon touches."""
-
-    radio: Transport
-    perception: Source
-    vehicle: Vehicle
-    clock_ns: Callable[[], int]
-    log: Log | None = None
-    saver: Saver | None = None
-    published: Callable[[Snapshot], None] = lambda snapshot: None
-    radio_problem: Callable[[], str] = lambda: ""
 
 
 @dataclass(frozen=True, slots=True)

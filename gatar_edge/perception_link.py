@@ -16,7 +16,7 @@ _BUFFER_BYTES = 1 << 20  # for a few large observations
 
 
 class PerceptionSocket:
-    """A `daemon.Source` on "host:port" or "unix:/path".
+    """A `ports.Source` on "host:port" or "unix:/path".
 
     Observations are not signed, so only this machine may send them unless `allow_remote` is given.
     Raises LinkError, one line with address and mend.

@@ -16,7 +16,7 @@ from gatar_edge.agent import Agent
 from gatar_edge.bridge.driver import VehicleDriver
 from gatar_edge.bridge.link import Link, open_link
 from gatar_edge.bridge.memory import NOTHING
-from gatar_edge.daemon import POLL_NS, STOP_NS, Daemon, Ports, Settings
+from gatar_edge.daemon import POLL_NS, STOP_NS, Daemon, Settings
 from gatar_edge.deadline import ThreadRunner, punctual
 from gatar_edge.foxglove import Level
 from gatar_edge.health import Snapshot
@@ -24,6 +24,7 @@ from gatar_edge.journal import Journal
 from gatar_edge.perception import Perception
 from gatar_edge.perception_link import PerceptionSocket
 from gatar_edge.persist import StateSaver, restore
+from gatar_edge.ports import Ports
 from gatar_edge.preflight import Prepared
 from gatar_edge.record import Recorder
 from gatar_edge.record_items import carried_state

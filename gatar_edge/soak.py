@@ -21,11 +21,12 @@ from gatar_edge.allocators.registry import make
 from gatar_edge.bridge.driver import VehicleDriver
 from gatar_edge.bridge.settings import DriverConfig
 from gatar_edge.config import AgentConfig
-from gatar_edge.daemon import Daemon, Ports, Settings
+from gatar_edge.daemon import Daemon, Settings
 from gatar_edge.journal import Journal
 from gatar_edge.keys import DEMO_KEY
 from gatar_edge.message import first_seq, with_hops
 from gatar_edge.perception import Perception, encode_observation
+from gatar_edge.ports import Ports
 from gatar_edge.record import Recorder
 from gatar_edge.record_items import carried_state
 from gatar_edge.rotate import Ring, RotatingLog
@@ -92,7 +93,7 @@ class Surroundings:
 
 
 class _Air:
-    """A `Transport` and a `daemon.Source` in memory; what is sent is lost."""
+    """A `Transport` and a `ports.Source` in memory; what is sent is lost."""
 
     sends = 1
 

@@ -15,8 +15,8 @@ import numpy.typing as npt
 
 from gatar_edge.allocators.base import NO_TARGET, Allocation
 from gatar_edge.explore import frontier_for_ego
-from gatar_edge.grid import UNREACHABLE, passable, path_to, simplify
-from gatar_edge.types import Assignment, Cell, Goto, Hold, Mission, Reason, RobotKind, TaskKind, VehicleCommand
+from gatar_edge.grid import UNREACHABLE, manhattan, passable, path_to, simplify
+from gatar_edge.types import Assignment, Cell, Goto, Hold, IntGrid, Mission, Reason, RobotKind, TaskKind, VehicleCommand
 from gatar_edge.view import View, travel_times
 
 MOST_CHANGES = 3  # targets given up since one ended, before only a nearer one is worth another change
@@ -116,8 +116,14 @@ def to_command(kind: RobotKind, assignment: Assignment) -> VehicleCommand:
 
 
 def _assign(view: View, kind: TaskKind, cell: Cell, reason: Reason, task: Task, allocation: Allocation) -> Assignment:
-    path = task.path if _still_good(view, cell, task) else path_to(cell, view.distances[0])
+    path = task.path if _still_good(view, cell, task) else path_to(cell, _ways(view))
     return Assignment(kind, cell, reason, path, allocation.xy)
+
+
+def _ways(view: View) -> IntGrid:
+    """Ego's distances to walk down along: a UAV flies also over cells in which it could not end."""
+    ego = view.robots[0]
+    return manhattan(ego.cell, view.belief.shape) if ego.kind is RobotKind.UAV else view.distances[0]
 
 
 def _still_good(view: View, goal: Cell, task: Task) -> bool:

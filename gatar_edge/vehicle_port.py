@@ -7,17 +7,12 @@ from typing import Literal, Protocol
 
 from gatar_edge.bridge.driver import VehicleDriver
 from gatar_edge.bridge.memory import DriverMemory
-from gatar_edge.bridge.safety import Neighbor, Refusal
+from gatar_edge.bridge.safety import Neighbor
 from gatar_edge.bridge.status import EventKind, Status
 from gatar_edge.journal import Journal
-from gatar_edge.types import Hold, VehicleCommand, VehicleState
+from gatar_edge.types import VehicleCommand, VehicleState
 
 _QUIET = {EventKind.COMMAND, EventKind.STATUS, EventKind.RATES}  # in the log alone, not in the journal
-_ELSEWHERE = {
-    Refusal.OUTSIDE_FENCE.value,
-    Refusal.OUTSIDE_GRID.value,
-    Refusal.SEPARATION.value,
-}  # refusals that hold for this goal alone
 STANDS_M_S = 0.3
 
 
@@ -35,7 +30,7 @@ class FrameLog(Protocol):
 
 
 class AutopilotPort:
-    """Pumps bytes between driver and link. A `daemon.Vehicle`."""
+    """Pumps bytes between driver and link. A `ports.Vehicle`."""
 
     def __init__(
         self,
@@ -53,7 +48,6 @@ class AutopilotPort:
         self._log = log
         self._launch_when_armed = launch_when_armed
         self._tap = tap
-        self._outside = False
 
     def receive(self, now_ns: int) -> None:
         """Take in what the autopilot sent."""
@@ -64,9 +58,7 @@ class AutopilotPort:
 
     def command(self, wanted: VehicleCommand, now_ns: int) -> VehicleCommand:
         """Want this from now on; returns what passed the safety gate."""
-        sent = self.driver.command(wanted, now_ns)
-        self._outside = isinstance(sent, Hold) and sent.reason in _ELSEWHERE
-        return sent
+        return self.driver.command(wanted, now_ns)
 
     def neighbors(self, positions: tuple[Neighbor, ...]) -> None:
         """Where other robots are that it must keep away from."""
@@ -74,7 +66,7 @@ class AutopilotPort:
 
     def failed(self) -> bool:
         """Whether the vehicle cannot go where it was last told to: that goal is another robot's."""
-        return self._outside or self.driver.status.failed
+        return self.driver.cannot_go
 
     def poll(self, now_ns: int) -> None:
         """Send what is due: heartbeat, requests, retries; log what went both ways."""

@@ -55,11 +55,17 @@ def build_view(
 
 
 def without(view: View, cells: Iterable[Cell]) -> View:
-    """The view with `cells` unreachable for ego: its vehicle could not go there, whatever the map says."""
-    distances, lengths = view.distances.copy(), view.lengths.copy()
+    """The view without ego's ways to `cells`: its vehicle could not go there, whatever the map says.
+
+    A ground robot's other ways lead round them; a UAV's do not stop there.
+    """
+    ego, distances, lengths = view.robots[0], view.distances.copy(), view.lengths.copy()
+    free = passable(ego.kind, view.belief)
     for cell in cells:
-        distances[0, cell[0], cell[1]] = UNREACHABLE
-        lengths[0, (view.targets == cell).all(axis=1)] = UNREACHABLE
+        free[cell] = False
+    distances[0] = np.where(free, path_lengths(ego.kind, ego.cell, free), UNREACHABLE)
+    distances[0][ego.cell] = 0
+    lengths[0] = distances[0, view.targets[:, 0], view.targets[:, 1]]
     return replace(view, distances=distances, lengths=lengths)
 
 

@@ -18,6 +18,7 @@ from gatar_edge.bridge.driver import VehicleDriver
 from gatar_edge.bridge.settings import DriverConfig
 from gatar_edge.config import AgentConfig
 from gatar_edge.foxglove import Level
+from gatar_edge.health import Shunned
 from gatar_edge.keys import DEMO_KEY
 from gatar_edge.record import Recorder
 from gatar_edge.separation import occupied
@@ -34,6 +35,7 @@ from gatar_edge.types import (
     Cell,
     Decision,
     Observation,
+    TaskKind,
     VehicleCommand,
 )
 
@@ -95,6 +97,7 @@ class Robot:
             ),
             0,
         )
+        self.shunned = Shunned()
         self.alive = True
         self.thinks = True  # its companion computer runs
         self.skew_ns = 0  # of the companion's clock
@@ -117,6 +120,13 @@ class Robot:
                 receiver.receive(data, now_ns)
             if not arrived:
                 break
+
+    def give_up(self, now_ns: int) -> None:
+        """A goal that the vehicle refuses or does not get nearer to is left to the others for a while."""
+        task = self.agent.task
+        if task.kind is not TaskKind.HOLD and self.driver.cannot_go:
+            self.shunned.failed(task.cell, now_ns)
+        self.agent.shunned = self.shunned.cells(now_ns)
 
     def suffer(self, turn: Turn, now_ns: int) -> None:
         """Something happens to this robot that nobody asked for."""
@@ -256,6 +266,7 @@ class Fleet:
                 self.log.truth_visit(robot.robot_id, cell, self.step, now_ns)
             its_ns = now_ns + robot.skew_ns
             seen = observe(self.config.world, robot.robot_id, cell, self.config.agent.r_sense, its_ns)
+            robot.give_up(its_ns)
             start_ns = time.perf_counter_ns()
             out = robot.agent.tick(its_ns, Inbox(seen))
             latency_ns = time.perf_counter_ns() - start_ns

@@ -47,6 +47,13 @@ STACKS = ("ardupilot", "px4", "mixed")
     type=click.Path(path_type=Path, file_okay=False),
     help="With --realtime: leave the minds to `gatar vehicle` processes, and write their configurations here.",
 )
+@click.option(
+    "--base-port",
+    type=click.IntRange(1024, 65_000),
+    default=14600,
+    show_default=True,
+    help="With --daemons: they use this UDP port and the 200 above it.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the result for machines.")
 def command(as_json: bool, log_path: Path | None, out: Path | None, **options: Any) -> None:
     """Fly a mission: every robot with its own mind, radio, bridge and simulated autopilot.
@@ -67,7 +74,7 @@ def command(as_json: bool, log_path: Path | None, out: Path | None, **options: A
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         log_path = out / "mission.mcap"
-    live = {key: options.pop(key) for key in ("realtime", "listen", "speed_factor", "daemons")}
+    live = {key: options.pop(key) for key in ("realtime", "listen", "speed_factor", "daemons", "base_port")}
     allocator = options.pop("allocator")
     config = fleet_config(**options)
     if live.pop("realtime"):

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from gatar_edge.sim_sitl.yard import Yard
 
 HOST = "127.0.0.1"
-RADIO_PORT = 14600  # daemon i hears at this port + i
-EYES_PORT = 14700
+EYES_OFFSET = 100  # daemon i hears at the base port + i, and looks at that + 100
 SLICE_S = 0.05
 
 
@@ -31,6 +30,7 @@ def fly_live(
     listen: str,
     speed_factor: float,
     daemons: Path | None,
+    base_port: int,
 ) -> Result:
     """Fly by the wall clock until the mission is over or Ctrl-C; the vehicles listen at `listen`."""
     from gatar_edge.sim_sitl.realtime import UdpSocket
@@ -40,7 +40,7 @@ def fly_live(
             count = len(config.world.team.kinds)
             click.echo(f"{count} vehicles, system ids 1 to {count}, at {listen}", err=True)
         if daemons is not None:
-            return _with_daemons(config, allocator, vehicles, daemons, speed_factor, quiet)
+            return _with_daemons(config, allocator, vehicles, daemons, base_port, speed_factor, quiet)
         return _with_minds(config, allocator, log_path, vehicles, speed_factor, quiet)
 
 
@@ -57,21 +57,27 @@ def _with_minds(
 
 
 def _with_daemons(
-    config: FleetConfig, allocator: str, vehicles: UdpSocket, folder: Path, speed_factor: float, quiet: bool
+    config: FleetConfig,
+    allocator: str,
+    vehicles: UdpSocket,
+    folder: Path,
+    base_port: int,
+    speed_factor: float,
+    quiet: bool,
 ) -> Result:
     """The vehicles here, the minds in processes of their own."""
     from gatar_edge.sim_sitl.realtime import UdpSocket
     from gatar_edge.sim_sitl.yard import Sockets, Yard
 
-    paths = write_configurations(config, allocator, vehicles.port, folder)
+    paths = write_configurations(config, allocator, vehicles.port, folder, base_port)
     if not quiet:
         click.echo("Now start the minds, each in a shell of its own or in the background:", err=True)
         for path in paths:
             click.echo(f"  gatar vehicle --config {path}", err=True)
     ids = config.world.team.ids
-    with contextlib.closing(UdpSocket(f"{HOST}:{RADIO_PORT}")) as radio:
-        eyes = {robot_id: (HOST, EYES_PORT + robot_id) for robot_id in ids}
-        ears = {robot_id: (HOST, RADIO_PORT + robot_id) for robot_id in ids}
+    with contextlib.closing(UdpSocket(f"{HOST}:{base_port}")) as radio:
+        eyes = {robot_id: (HOST, base_port + EYES_OFFSET + robot_id) for robot_id in ids}
+        ears = {robot_id: (HOST, base_port + robot_id) for robot_id in ids}
         yard = Yard(config, Sockets(vehicles, radio, eyes, ears))
         _run(yard, speed_factor, quiet)
         return yard.result()
@@ -90,7 +96,9 @@ def _run(fleet: Fleet | Yard, speed_factor: float, quiet: bool) -> None:
                 return
 
 
-def write_configurations(config: FleetConfig, allocator: str, vehicles_port: int, folder: Path) -> list[Path]:
+def write_configurations(
+    config: FleetConfig, allocator: str, vehicles_port: int, folder: Path, base_port: int
+) -> list[Path]:
     """One vehicle.toml a robot, and the team's key: all that the daemons of this mission need."""
     from gatar_edge.commands.init import configuration, make_key
 
@@ -112,9 +120,9 @@ def write_configurations(config: FleetConfig, allocator: str, vehicles_port: int
             "altitude_m": config.altitude_m + config.altitude_step_m * robot_id,
             "allocator": allocator,
             "url": f"udpout:{HOST}:{vehicles_port}",
-            "listen": f"{HOST}:{RADIO_PORT + robot_id}",
-            "peers": [f"{HOST}:{RADIO_PORT}"],
-            "perception": f"{HOST}:{EYES_PORT + robot_id}",
+            "listen": f"{HOST}:{base_port + robot_id}",
+            "peers": [f"{HOST}:{base_port}"],
+            "perception": f"{HOST}:{base_port + EYES_OFFSET + robot_id}",
             "launch": "auto",
             "http": "",
         }

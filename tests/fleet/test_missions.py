@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gatar_edge.allocators.registry import make
 from gatar_edge.commands._sim import fleet_config
@@ -56,6 +58,20 @@ def test_a_ground_robot_never_enters_an_obstacle() -> None:
     for _ in lock_step(fleet):
         assert not any(fleet.config.world.obstacles[robot.body.cell] for robot in fleet.robots)
     assert fleet.tally.left == 0
+
+
+@pytest.mark.parametrize("team", ["1A0G", "1A1G"])
+def test_a_target_beyond_a_vehicles_fence_is_another_robots_or_given_up(team: str) -> None:
+    fleet = Fleet(config(team=team, max_steps=100), make("greedy"))
+    fenced = fleet.robots[0]
+    param = mavlink.MAVLink_param_set_message
+    for name, value in ((b"FENCE_ENABLE", 1), (b"FENCE_TYPE", 2), (b"FENCE_RADIUS", 60)):
+        frame = param(fenced.robot_id, 1, name, value, mavlink.MAV_PARAM_TYPE_REAL32).pack(mavlink.MAVLink(None, 255))
+        fenced.body.autopilot.receive(bytes(frame), 0)
+    flown(fleet)
+    near = [target for target in fleet.config.world.targets if math.dist(fleet.config.world.starts[0], target) < 5]
+    assert fleet.tally.left == 0 if team == "1A1G" else fleet.result().localized >= len(near) >= 3
+    assert fenced.shunned.cells(fleet.now_ns)
 
 
 def test_aerial_robots_keep_to_their_own_layers() -> None:

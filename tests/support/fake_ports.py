@@ -11,11 +11,12 @@ from gatar_edge.allocators.base import Allocator
 from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.bridge.memory import DriverMemory
 from gatar_edge.config import AgentConfig
-from gatar_edge.daemon import Daemon, Ports, Settings
+from gatar_edge.daemon import Daemon, Settings
 from gatar_edge.health import Snapshot
 from gatar_edge.keys import DEMO_KEY
 from gatar_edge.perception import Perception
 from gatar_edge.persist import SavedState
+from gatar_edge.ports import Ports
 from gatar_edge.transports.base import LinkCounters
 from gatar_edge.transports.budget import ByteBudget
 from gatar_edge.types import NS_PER_S, Cell, Goto, GridSpec, Hold, RobotKind, VehicleCommand, VehicleState

@@ -15,12 +15,13 @@ from gatar_edge.bridge.geo import cell_to_wgs84, deg_e7
 from gatar_edge.bridge.memory import NOTHING
 from gatar_edge.bridge.settings import DriverConfig
 from gatar_edge.bridge.signing import Signing, timestamp_of
-from gatar_edge.daemon import Daemon, Ports, Settings
+from gatar_edge.daemon import Daemon, Settings
 from gatar_edge.health import Snapshot
 from gatar_edge.journal import Journal
 from gatar_edge.keys import DEMO_KEY
 from gatar_edge.perception import Perception, encode_observation
 from gatar_edge.persist import LoadOutcome, Restored, encode_state, load, restore
+from gatar_edge.ports import Ports
 from gatar_edge.sim_sitl.body import Body, StackName
 from gatar_edge.sim_sitl.world import Team, observe, random_world
 from gatar_edge.transports.budget import ByteBudget

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import socket
 
@@ -101,9 +102,7 @@ def test_frames_are_kept_whole_in_datagrams_below_the_mtu() -> None:
 
 def test_a_tcp_link_carries_both_ways_and_survives_the_end_of_its_peer() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
-        address = server.getsockname()
-        clock = [0.0]
-        tcp = StreamLink("tcp", lambda: link._connect(*address), lambda: clock[0])
+        tcp, clock = tcp_to(server)
         far, _ = server.accept()
         assert tcp.send(b"up")
         assert far.recv(10) == b"up"
@@ -114,13 +113,41 @@ def test_a_tcp_link_carries_both_ways_and_survives_the_end_of_its_peer() -> None
             assert tcp.receive() == []
         assert not tcp.send(b"lost")
         clock[0] += 2
-        assert tcp.send(b"again")
+        assert wait(lambda: tcp.send(b"again"))
         far, _ = server.accept()
         assert far.recv(10) == b"again"
         far.close()
         tcp.close()
         clock[0] += 2
         assert not tcp.send(b"closed")
+
+
+def test_a_far_end_that_does_not_answer_is_not_waited_for() -> None:
+    with socket.create_server(("127.0.0.1", 0), backlog=0) as server, contextlib.ExitStack() as stack:
+        tcp, clock = tcp_to(server)
+        stack.callback(tcp.close)
+        far, _ = server.accept()
+        far.close()
+        while tcp._port is not None:
+            assert tcp.receive() == []
+        for _ in range(4):  # the queue is full: what comes now is not answered
+            other = stack.enter_context(socket.socket())
+            other.setblocking(False)
+            other.connect_ex(server.getsockname())
+        clock[0] += 2
+        assert tcp.receive() == []
+        assert not tcp.send(b"lost")
+        with pytest.raises(OSError, match="not connected"):
+            tcp._port.getpeername()
+
+
+def tcp_to(server: socket.socket) -> tuple[StreamLink, list[float]]:
+    """A link to a server, and its clock."""
+    host, port = server.getsockname()
+    tcp, clock = open_link(f"tcp:{host}:{port}"), [0.0]
+    assert isinstance(tcp, StreamLink)
+    tcp._clock, tcp._tried_s = lambda: clock[0], 0.0
+    return tcp, clock
 
 
 def test_serial_without_pyserial_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 from builders import belief_of, robot, view_of
 
+from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.grid import UNREACHABLE
+from gatar_edge.tasks import Rules, Task, decide
 from gatar_edge.types import RobotKind
-from gatar_edge.view import build_view, hop_counts, travel_times
+from gatar_edge.view import build_view, hop_counts, travel_times, without
 
 OPEN = belief_of("\n".join(["." * 20] * 3))
 
@@ -43,6 +45,20 @@ def test_each_robot_has_its_own_ways() -> None:
     belief = belief_of(".#T\n.#.\n...")
     view = view_of(belief, robot(1, (0, 2), RobotKind.UGV), [robot(2, (0, 2))])
     assert view.lengths[:, 0].tolist() == [6, 2]
+
+
+def test_a_ground_robots_ways_lead_round_cells_that_it_cannot_reach_even_from_one_of_them() -> None:
+    view = view_of(belief_of("..T\n...\n..."), robot(1, (0, 2), RobotKind.UGV))
+    assert without(view, [(1, 2)]).lengths[0].tolist() == [4]
+    assert without(view, [(0, 2), (1, 2)]).lengths[0].tolist() == [4]
+    assert without(view, [(2, 2)]).lengths[0].tolist() == [UNREACHABLE]
+
+
+def test_an_aerial_robot_flies_over_cells_that_it_cannot_stay_in() -> None:
+    view = without(view_of(belief_of("..T\n...\n..."), robot(1, (0, 2))), [(0, 2), (0, 1), (1, 2), (1, 1)])
+    assert view.lengths[0].tolist() == [2]
+    assignment = decide(view, Greedy().allocate(view), Task(), Rules())
+    assert assignment.path == ((0, 2), (1, 2), (2, 2))
 
 
 def test_travel_time_counts_speed_and_is_infinite_where_there_is_no_way() -> None:

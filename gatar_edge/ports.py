@@ -1,0 +1,73 @@
+"""What the daemon's loop touches: radio, eyes, vehicle, log, saved state and clock, as it sees them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from gatar_edge.bridge.memory import DriverMemory
+from gatar_edge.health import Snapshot
+from gatar_edge.journal import TextLog
+from gatar_edge.persist import SavedState
+from gatar_edge.separation import Place
+from gatar_edge.transports.base import Transport
+from gatar_edge.types import ByteGrid, Decision, GridSpec, Observation, VehicleCommand, VehicleState
+
+
+class Source(Protocol):
+    """Where observations come from; never blocks, never raises."""
+
+    def receive(self) -> list[bytes]: ...
+
+
+class Vehicle(Protocol):
+    """The autopilot behind its bridge; see `vehicle_port.AutopilotPort`."""
+
+    def receive(self, now_ns: int) -> None: ...
+    def command(self, wanted: VehicleCommand, now_ns: int) -> VehicleCommand: ...
+    def poll(self, now_ns: int) -> None: ...
+    def state(self, now_ns: int) -> VehicleState: ...
+    def critical(self, critical: bool) -> None: ...
+    def holding(self, now_ns: int) -> bool: ...
+    def failed(self) -> bool: ...
+    def neighbors(self, positions: tuple[Place, ...]) -> None: ...
+    def return_home(self, now_ns: int) -> bool: ...
+    def memory(self) -> DriverMemory: ...
+
+
+class Log(TextLog, Protocol):
+    """The part of `record.Recorder` that the loop feeds."""
+
+    @property
+    def stopped(self) -> str: ...
+    def observation(self, observation: Observation) -> None: ...
+    def heard(self, robot_id: int, datagram: bytes, outcome_name: str, now_ns: int) -> None: ...
+    def sent(self, robot_id: int, datagram: bytes, now_ns: int) -> None: ...
+    def decision(self, decision: Decision, wanted: VehicleCommand, sent: VehicleCommand, now_ns: int) -> None: ...
+    def vehicle(self, robot_id: int, state: VehicleState, now_ns: int) -> None: ...
+    def belief(self, robot_id: int, belief: ByteGrid, grid: GridSpec, now_ns: int) -> None: ...
+    def poll(self, now_ns: int) -> None: ...
+
+
+class Saver(Protocol):
+    """Keeps states; see `persist.StateSaver`."""
+
+    failed: int
+    last_error: str
+
+    def save_soon(self, state: SavedState) -> None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Ports:
+    """Everything that the daemon touches."""
+
+    radio: Transport
+    perception: Source
+    vehicle: Vehicle
+    clock_ns: Callable[[], int]
+    log: Log | None = None
+    saver: Saver | None = None
+    published: Callable[[Snapshot], None] = lambda snapshot: None
+    radio_problem: Callable[[], str] = lambda: ""
