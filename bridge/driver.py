@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gatar_edge.bridge import wire
 from gatar_edge.bridge.codec import Codec, strip_signature
-from gatar_edge.bridge.geo import Point, expand, inside_grid, wgs84_to_grid_m
+from gatar_edge.bridge.geo import Point, inside_grid, is_rest, wgs84_to_grid_m
+from gatar_edge.bridge.heartbeat import Heart
 from gatar_edge.bridge.launch import Phase
+from gatar_edge.bridge.memory import NOTHING, DriverMemory
 from gatar_edge.bridge.profiles import Unsupported, choose
 from gatar_edge.bridge.safety import Known, Neighbor, Refusal, gate
 from gatar_edge.bridge.settings import DriverConfig
@@ -40,8 +42,14 @@ class FrameRecord:
 class VehicleDriver:
     """Drives one vehicle. Nothing that a peer sends makes it raise."""
 
-    def __init__(self, config: DriverConfig, now_ns: int, signing: Signing | None = None) -> None:
-        """`signing`: the key of this link; its `timestamp` is the caller's to keep over restarts."""
+    def __init__(
+        self,
+        config: DriverConfig,
+        now_ns: int,
+        signing: Signing | None = None,
+        memory: DriverMemory = NOTHING,
+    ) -> None:
+        """`signing`: the key of this link, its `timestamp` as `memory` has it; `memory`: of the process before this."""
         self.config = config
         self._codec = Codec(config.sysid, config.compid, signing)
         # signing timestamps go on from where the caller began, at the pace of the injected clock
@@ -53,15 +61,14 @@ class VehicleDriver:
         self._launch = config.auto_launch
         self._connected = False
         self._pursued: VehicleCommand = Hold("no command yet")
+        self._memory = memory  # until it was used
         self._here: tuple[tuple[float, float], Point] | None = None  # (lat, lon) and the same in the grid's metres
         self._applied = False  # it was sent
         self._start_cell: Cell | None = None  # where the pursued mission began
         self._retasked_ns = -1
         self._failed_ns: int | None = None  # since when the pursuit fails
         self._retasks = 0
-        self._heartbeat_ns = now_ns - round(NS_PER_S / config.heartbeat_hz)
-        self._critical = False
-        self._critical_ns: int | None = None
+        self._heart = Heart(config.heartbeat_hz, config.critical_s, now_ns)
         self._events: deque[DriverEvent] = deque(maxlen=MAX_EVENTS)
         self._frames: deque[FrameRecord] = deque(maxlen=MAX_FRAMES)
 
@@ -84,6 +91,8 @@ class VehicleDriver:
         passed = gate(wanted, self._known(now_ns), self._limits)
         if passed not in (wanted, self._pursued) and isinstance(passed, Hold):
             self._tell(now_ns, EventKind.GATE, f"{wanted} -> {passed.reason}")
+        if self._resumes(passed, now_ns):
+            return self._pursued
         if self._unchanged(passed, now_ns):
             if isinstance(passed, Hold):
                 self._pursued = passed  # perhaps for another reason
@@ -92,6 +101,7 @@ class VehicleDriver:
             self._retasks += passed != self._pursued
             self._retasked_ns = now_ns
         self._pursued, self._failed_ns, self._start_cell = passed, None, self._cell()
+        self._memory = NOTHING
         self._tell(now_ns, EventKind.COMMAND, str(passed))
         self._applied = self._vehicle is not None and self._vehicle.pursue(passed, now_ns)
         return passed
@@ -100,7 +110,7 @@ class VehicleDriver:
         """All bytes to send now. Call it from the working loop: it is what proves to the vehicle that we live."""
         if self._codec.signing is not None:
             self._codec.signing.advance(self._signing_base + now_ns // TICK_NS)
-        out: list[wire.Message] = [*self._heartbeat(now_ns)]
+        out: list[wire.Message] = self._heart.poll(now_ns)
         if self._vehicle is not None:
             out += self._vehicle.poll(now_ns, self._launch)
             self._events.extend(self._vehicle.events)
@@ -136,7 +146,16 @@ class VehicleDriver:
 
     def health(self, critical: bool) -> None:
         """Tell that the robot's own loop fails: the heartbeat says CRITICAL, and after `critical_s` falls silent."""
-        self._critical = critical
+        self._heart.critical = critical
+
+    def memory(self) -> DriverMemory:
+        """What the next process needs to go on, if this one is killed."""
+        vehicle, signing = self._vehicle, self._codec.signing
+        timestamp = signing.timestamp if signing is not None else 0
+        if not isinstance(self._pursued, Mission) or vehicle is None:
+            return replace(self._memory, signing_timestamp=timestamp)
+        on_board = vehicle.transfer.on_board or ""
+        return DriverMemory(on_board, tuple(self._pursued.cells), self._start_cell, timestamp)
 
     def events(self) -> tuple[DriverEvent, ...]:
         """What happened since the last call."""
@@ -205,7 +224,7 @@ class VehicleDriver:
             text = f"vehicle {self.config.sysid} is {profile.name}, configured as {self.config.kind.name}"
         else:
             text = None
-            self._vehicle = Vehicle(self.config, profile, frame.source, now_ns)
+            self._vehicle = Vehicle(self.config, profile, frame.source, now_ns, self._memory)
             self._tell(now_ns, EventKind.PHASE, f"found {profile.name} at {frame.source}")
         if text is not None and text != self._unsupported:
             self._tell(now_ns, EventKind.UNSUPPORTED, text)
@@ -240,13 +259,29 @@ class VehicleDriver:
             neighbors=self._neighbors,
         )
 
+    def _resumes(self, passed: VehicleCommand, now_ns: int) -> bool:
+        """Whether the vehicle drives already what is wanted, as a process before this one told it; then watch that."""
+        vehicle, before = self._vehicle, self._memory.pursued
+        if before is None or vehicle is None or not vehicle.ready(now_ns) or not vehicle.driving:
+            return False
+        start = self._memory.start
+        if passed != before and not self._is_rest(passed, before, start):
+            return False
+        self._pursued, self._start_cell, self._applied = before, start, True
+        self._memory = NOTHING
+        vehicle.resume(before, now_ns)
+        self._tell(now_ns, EventKind.COMMAND, f"going on: {before}")
+        return True
+
     def _unchanged(self, passed: VehicleCommand, now_ns: int) -> bool:
         """Whether nothing new has to be sent for `passed`."""
         if isinstance(passed, Hold):
             # one that could not be sent, because the link was down or the position old, must be sent once it can
             waits = not self._applied and self._vehicle is not None and self._vehicle.ready(now_ns)
             return isinstance(self._pursued, Hold) and not waits
-        return not self._due_again(now_ns) and (passed == self._pursued or self._is_rest_of_pursued(passed))
+        return not self._due_again(now_ns) and (
+            passed == self._pursued or self._is_rest(passed, self._pursued, self._start_cell)
+        )
 
     def _due_again(self, now_ns: int) -> bool:
         """Whether the command has been failing for so long that it is time for another try."""
@@ -257,29 +292,12 @@ class VehicleDriver:
             self._failed_ns = now_ns
         return now_ns - self._failed_ns >= self.config.failed_retry_s * NS_PER_S
 
-    def _is_rest_of_pursued(self, passed: VehicleCommand) -> bool:
-        """Whether a mission is what remains of the pursued one: paths are planned anew from the robot's own cell."""
-        if not isinstance(passed, Mission) or not isinstance(self._pursued, Mission) or self._start_cell is None:
+    def _is_rest(self, passed: VehicleCommand, whole: VehicleCommand, start: Cell | None) -> bool:
+        """Whether a mission is what remains of another: paths are planned anew from the robot's own cell."""
+        here = self._cell()
+        if not isinstance(passed, Mission) or not isinstance(whole, Mission) or start is None or here is None:
             return False
-        cell, path = self._cell(), expand(self._start_cell, self._pursued.cells)
-        if path is None or cell is None or cell not in path:
-            return False
-        behind = set(path[: path.index(cell) + 1])
-        ahead = tuple(c for c in self._pursued.cells if c not in behind)
-        return passed.cells == (ahead or self._pursued.cells[-1:])
-
-    def _heartbeat(self, now_ns: int) -> list[wire.Message]:
-        if not self._critical:
-            self._critical_ns = None
-        elif self._critical_ns is None:
-            self._critical_ns = now_ns
-        if self._critical_ns is not None and now_ns - self._critical_ns > self.config.critical_s * NS_PER_S:
-            return []
-        if now_ns - self._heartbeat_ns < NS_PER_S / self.config.heartbeat_hz:
-            return []
-        self._heartbeat_ns = now_ns
-        state = wire.STATE_CRITICAL if self._critical else wire.STATE_ACTIVE
-        return [wire.Heartbeat(wire.TYPE_ONBOARD_CONTROLLER, wire.AUTOPILOT_INVALID, 0, 0, state)]
+        return is_rest(passed.cells, whole.cells, start, here)
 
     def _watch_connection(self, connected: bool, now_ns: int) -> None:
         if connected != self._connected:

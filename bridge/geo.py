@@ -140,6 +140,16 @@ def expand(start: Cell, corners: tuple[Cell, ...]) -> tuple[Cell, ...] | None:
     return tuple(cells)
 
 
+def is_rest(corners: tuple[Cell, ...], whole: tuple[Cell, ...], start: Cell, here: Cell) -> bool:
+    """Whether a way through `corners` from `here` is what remains of the way from `start` through `whole`."""
+    path = expand(start, whole)
+    if path is None or here not in path:
+        return False
+    behind = set(path[: path.index(here) + 1])
+    ahead = tuple(corner for corner in whole if corner not in behind)
+    return corners == (ahead or whole[-1:])
+
+
 def segment_inside(polygon: tuple[Point, ...], a: Point, b: Point) -> bool:
     """Whether the straight line from a to b stays inside a simple polygon (its border counts as inside)."""
     if not (point_inside(polygon, a) and point_inside(polygon, b)):

@@ -48,6 +48,7 @@ class Event(Enum):
     ARMED = "armed"
     DISARMED = "disarmed"
     AIRBORNE = "at its altitude, or it does not fly"
+    DRIVING = "on our own mission already: the companion restarted"
     SETTLED = "in the mode in which it waits"
     TAKEN = "somebody else changed its mode or disarmed it"
     ENABLED = "told to command again"
@@ -60,7 +61,12 @@ TRANSITIONS: dict[Phase, dict[Event, Phase]] = {
     _P.WAITING: {_E.LOCATED: _P.MODE},
     _P.MODE: {_E.ARMABLE: _P.ARMING, _E.TAKEN: _P.PILOT},
     _P.ARMING: {_E.ARMED: _P.TAKEOFF, _E.TAKEN: _P.PILOT},
-    _P.TAKEOFF: {_E.AIRBORNE: _P.SETTLING, _E.DISARMED: _P.ARMING, _E.TAKEN: _P.PILOT},
+    _P.TAKEOFF: {
+        _E.AIRBORNE: _P.SETTLING,
+        _E.DRIVING: _P.READY,
+        _E.DISARMED: _P.ARMING,
+        _E.TAKEN: _P.PILOT,
+    },
     _P.SETTLING: {_E.SETTLED: _P.READY, _E.DISARMED: _P.ARMING, _E.TAKEN: _P.PILOT},
     _P.READY: {_E.DISARMED: _P.PILOT, _E.TAKEN: _P.PILOT},
     _P.PILOT: {_E.ENABLED: _P.WAITING},
@@ -73,6 +79,7 @@ class Launch:
     def __init__(self, profile: Profile, commands: CommandClient, modes: ModeKeeper, altitude_m: float) -> None:
         self.profile, self.commands, self.modes = profile, commands, modes
         self.phase = Phase.WAITING
+        self.driving = False  # set by the caller: it drives a mission of ours, and is not to be put on hold
         self._altitude_m = altitude_m
         self._asked_ns = -ARM_RETRY_NS
         self._climbed_m, self._climbed_ns = 0.0, 0
@@ -88,6 +95,8 @@ class Launch:
             self._climbed_m, self._climbed_ns = 0.0, now_ns - CLIMB_NS
         elif to is Phase.SETTLING:
             self.modes.want(self.profile.hold_mode)
+        elif event is Event.DRIVING:
+            self.modes.want(self.profile.mission_mode)  # ours: leaving it is somebody else's doing
         elif to in (Phase.PILOT, Phase.READY):
             self.modes.want(None)
 
@@ -124,6 +133,8 @@ class Launch:
     def _take_off(self, seen: Telemetry, now_ns: int) -> None:
         if not seen.armed:
             self.fire(Event.DISARMED, now_ns)
+        elif self.driving:
+            self.fire(Event.DRIVING, now_ns)
         elif self.profile.takeoff is Takeoff.NONE or seen.alt_rel_m >= self._altitude_m - REACHED_M:
             self.commands.forget(Command.NAV_TAKEOFF)
             self.fire(Event.AIRBORNE, now_ns)

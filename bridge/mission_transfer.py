@@ -82,6 +82,14 @@ class MissionClient:
         """Somebody else changed the mission on board: the next upload is sent whatever it is."""
         self.on_board = None
 
+    def adopt(self, items: Items) -> bool:
+        """Whether what was just downloaded is this mission; then it counts as on board, as if uploaded."""
+        if self.result is not Result.DOWNLOADED or not same_mission(items, self.downloaded, self.profile):
+            return False
+        self._goal, self._items, self._requested = Event.UPLOAD, items, set()
+        self._finish(Result.ACCEPTED)
+        return True
+
     def abandon(self) -> None:
         """Stop without another word, also answering late requests: somebody else commands the vehicle."""
         self._finish(Result.CANCELLED)

@@ -39,6 +39,7 @@ class Step(Enum):
     """What is being waited for."""
 
     IDLE = "nothing"
+    ADOPT = "what is on board, to compare it with what was remembered"
     UPLOAD = "the mission to be on board"
     TOTAL = "the vehicle to count its new mission"
     SET = "the current item to be the first"
@@ -53,6 +54,7 @@ class Event(Enum):
     """What happened."""
 
     DRIVE = "a mission was commanded"
+    RESUME = "a mission was commanded that is being driven, if memory serves"
     ON_BOARD = "the mission is on board"
     NOT_ON_BOARD = "the upload failed"
     COUNTED = "the vehicle counts the new mission"
@@ -69,7 +71,8 @@ class Event(Enum):
 _S, _E = Step, Event
 _ANY: dict[Event, Step] = {_E.DRIVE: _S.UPLOAD, _E.REOPENED: _S.UPLOAD}
 TRANSITIONS: dict[Step, dict[Event, Step]] = {
-    _S.IDLE: {_E.DRIVE: _S.UPLOAD},
+    _S.IDLE: {_E.DRIVE: _S.UPLOAD, _E.RESUME: _S.ADOPT},
+    _S.ADOPT: {_E.DRIVE: _S.UPLOAD, _E.ON_BOARD: _S.CONFIRM, _E.NOT_ON_BOARD: _S.UPLOAD},
     _S.UPLOAD: {_E.DRIVE: _S.UPLOAD, _E.ON_BOARD: _S.TOTAL, _E.NOT_ON_BOARD: _S.FAILED},
     _S.TOTAL: {**_ANY, _E.COUNTED: _S.SET, _E.GIVEN_UP: _S.FAILED},
     _S.SET: {**_ANY, _E.CURRENT: _S.MODE, _E.GIVEN_UP: _S.FAILED},
@@ -114,6 +117,11 @@ class Retask:
         self._starts = self._start_index = 0
         self._fire(Event.DRIVE, now_ns, Status.STARTING)
 
+    def resume(self, points: Points, now_ns: int) -> None:
+        """Go on with a mission that the vehicle seems to be driving; nothing is uploaded where it is on board."""
+        self._points, self._starts = points, 0
+        self._fire(Event.RESUME, now_ns, Status.STARTING)
+
     def stop(self) -> None:
         """Send nothing more; what stops the vehicle is a mode."""
         self.commands.forget(Command.DO_SET_MISSION_CURRENT)
@@ -144,7 +152,9 @@ class Retask:
     def _fire(self, event: Event, now_ns: int, status: Status) -> None:
         self.step = TRANSITIONS[self.step][event]
         self.status, self._since_ns = status, now_ns
-        if event is Event.DRIVE:
+        if self.step is Step.ADOPT:
+            self.transfer.download(now_ns)
+        elif self.step is Step.UPLOAD and event is not Event.REOPENED:
             self.transfer.upload(build(self.profile, self._points, 0.0), now_ns)
         elif self.step is Step.SET:
             self._set_current(now_ns)
@@ -161,6 +171,17 @@ class Retask:
             self.commands.long(Command.DO_SET_MISSION_CURRENT, seq, 1.0)
         else:
             self._out.append(wire.MissionSetCurrent(self.transfer.vehicle, seq))
+
+    def _watch_adopt(self, seen: Telemetry, now_ns: int) -> None:
+        if self.transfer.active:
+            return
+        if self.transfer.adopt(build(self.profile, self._points, 0.0)):
+            self._start_index, self._sent_ns = self.index(seen), now_ns
+            self.modes.want(self.profile.mission_mode)
+            self._fire(Event.ON_BOARD, now_ns, Status.STARTING)
+        else:
+            self._start_index = 0
+            self._fire(Event.NOT_ON_BOARD, now_ns, Status.STARTING)
 
     def _watch_upload(self, seen: Telemetry, now_ns: int) -> None:
         result = self.transfer.result
@@ -255,6 +276,7 @@ class Retask:
 
 
 _WATCHERS = {
+    Step.ADOPT: Retask._watch_adopt,
     Step.UPLOAD: Retask._watch_upload,
     Step.TOTAL: Retask._watch_total,
     Step.SET: Retask._watch_set,

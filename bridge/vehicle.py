@@ -6,14 +6,14 @@ import random
 
 from gatar_edge.bridge import wire
 from gatar_edge.bridge.commands import CommandClient
-from gatar_edge.bridge.geo import cell_to_wgs84
 from gatar_edge.bridge.guided import Guided
 from gatar_edge.bridge.launch import Event, Launch, Phase
+from gatar_edge.bridge.memory import DriverMemory, mission_points, remembered_items
 from gatar_edge.bridge.mission_transfer import MissionClient
 from gatar_edge.bridge.modes import ModeKeeper
 from gatar_edge.bridge.profiles.base import HoldBy, Profile
 from gatar_edge.bridge.rates import RateWatch
-from gatar_edge.bridge.retask import Retask
+from gatar_edge.bridge.retask import UNTOLD_TOTALS, Retask
 from gatar_edge.bridge.settings import DriverConfig
 from gatar_edge.bridge.status import DriverEvent, EventKind, Status
 from gatar_edge.bridge.telemetry import Telemetry
@@ -22,6 +22,7 @@ from gatar_edge.types import NS_PER_S, Goto, Hold, Mission, RobotKind
 
 SILENT_NS = 3 * NS_PER_S  # nothing at all
 HEARTBEAT_LOST_NS = 6 * NS_PER_S  # three lost ones in a row are no rarity on a bad link
+CURRENT_PATIENCE_NS = 2 * NS_PER_S  # for a vehicle to tell of its mission after a restart of ours
 WORST_LOGGED_SEVERITY = 4  # MAV_SEVERITY_WARNING
 REORDERED_NS = 2 * NS_PER_S  # a frame numbered before one this young was overtaken; later it is a rebooted vehicle's
 # these answer one by one and are matched by what they say; all others tell a state, of which only the newest counts
@@ -31,7 +32,10 @@ TRANSFERS = (wire.MissionRequest, wire.MissionAck, wire.MissionCount, wire.Missi
 class Vehicle:
     """One autopilot and what we want of it."""
 
-    def __init__(self, config: DriverConfig, profile: Profile, address: Address, now_ns: int) -> None:
+    def __init__(
+        self, config: DriverConfig, profile: Profile, address: Address, now_ns: int, memory: DriverMemory
+    ) -> None:
+        """`memory`: of the process before this one, which the vehicle may still be obeying."""
         me = (config.sysid, config.compid)
         self.config, self.profile, self.address = config, profile, address
         self.seen = Telemetry()
@@ -57,7 +61,8 @@ class Vehicle:
         self._rates = RateWatch(address, now_ns)
         self._by_mission = config.kind is RobotKind.UGV and config.drive == "mission"
         self._holding = False
-        self._heard_ns = now_ns
+        self._heard_ns = self._found_ns = now_ns
+        self._remembered = remembered_items(memory, config.grid, profile) if self._by_mission else ()
         self._latest: dict[int, tuple[int, int]] = {}  # message id -> its latest frame's number and time
         self._told = (self.launch.phase, Status.IDLE)
 
@@ -106,13 +111,29 @@ class Vehicle:
         self._holding = isinstance(command, Hold)
         if isinstance(command, Hold):
             return self._hold(now_ns)
-        cells = (command.cell,) if isinstance(command, Goto) else command.cells
-        points = tuple(cell_to_wgs84(self.config.grid, cell) for cell in cells)
+        points = mission_points(self.config.grid, (command.cell,) if isinstance(command, Goto) else command.cells)
         if self._by_mission:
             self.retask.drive(points, now_ns)
         else:
             self.guided.go(points, self._altitude_m(), self._home_amsl_m(), now_ns)
         return True
+
+    def resume(self, mission: Mission, now_ns: int) -> None:
+        """Go on with the remembered mission, which the vehicle is `driving`."""
+        self._holding, self._remembered = False, ()
+        self.retask.resume(mission_points(self.config.grid, mission.cells), now_ns)
+
+    @property
+    def driving(self) -> bool:
+        """Whether it seems to be driving the mission that is remembered from before a restart."""
+        seen, count = self.seen, len(self._remembered) - self.profile.first_item_seq
+        return (
+            bool(self._remembered)
+            and seen.armed
+            and seen.custom_mode == self.profile.mission_mode
+            and seen.current is not None
+            and seen.current.total in (count, *UNTOLD_TOTALS)
+        )
 
     def return_home(self, now_ns: int) -> bool:
         """Let it return to where it was launched, by its own mode. False: nothing is sent to one that does not obey."""
@@ -138,7 +159,8 @@ class Vehicle:
         out, short = self._rates.poll(self.seen.unknown, now_ns)
         if short:
             self._tell(now_ns, EventKind.RATES, f"asked again for message intervals of {short}")
-        if launch:
+        if launch and not self._waits_for_current(now_ns):
+            self.launch.driving = self.driving
             self.launch.poll(self.seen, now_ns)
         self.guided.poll(self.seen, now_ns)
         retask = self.retask.poll(self.seen, now_ns)
@@ -147,6 +169,11 @@ class Vehicle:
         self._tell_changes(now_ns)
         # the pilot wins: then we ask for telemetry and for nothing else
         return out if self.launch.phase is Phase.PILOT else out + commands
+
+    def _waits_for_current(self, now_ns: int) -> bool:
+        """Whether it may be driving the remembered mission, and has not told yet."""
+        waits = bool(self._remembered) and self.seen.current is None
+        return waits and now_ns - self._found_ns < CURRENT_PATIENCE_NS
 
     def _overtaken(self, frame: wire.Received, now_ns: int) -> bool:
         """Whether a newer message of the kind came first: an old heartbeat must not look like the pilot's doing."""

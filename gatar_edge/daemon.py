@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
 from gatar_edge.agent import Agent
+from gatar_edge.bridge.memory import DriverMemory
 from gatar_edge.health import Counters, NeighborLine, Shunned, Snapshot, usable
 from gatar_edge.journal import Journal, TextLog
 from gatar_edge.neighbors import HearOutcome
@@ -36,6 +37,7 @@ from gatar_edge.types import (
 
 POLL_NS = NS_PER_S // 20  # timers of the autopilot's protocols
 STALL_NS = NS_PER_S  # after standing still for this long, what waits in the sockets is older than it looks
+WAKE_NS = 2 * NS_PER_S  # in which a restarted robot first hears its eyes and its vehicle, and decides nothing
 STOP_NS = 3 * NS_PER_S  # for the vehicle to confirm that it holds
 MAX_USELESS_LOGGED = 16  # a tick: heard datagrams without effect, so that a flood does not fill the disk
 COUNTERS_NS = 10 * NS_PER_S  # how often all counters go to the log
@@ -65,6 +67,7 @@ class Vehicle(Protocol):
     def failed(self) -> bool: ...
     def neighbors(self, positions: tuple[Place, ...]) -> None: ...
     def return_home(self, now_ns: int) -> bool: ...
+    def memory(self) -> DriverMemory: ...
 
 
 class Log(TextLog, Protocol):
@@ -131,6 +134,8 @@ class Daemon:
         self._robot_id = agent.identity.robot_id
         self._started_ns = self._stepped_ns = self._tick_due_ns = self._save_due_ns = ports.clock_ns()
         self._count_due_ns = self._started_ns + COUNTERS_NS
+        # until then a task taken over from before a restart is not given up for want of a first heartbeat
+        self._wakes_ns = self._started_ns + WAKE_NS if agent.task.kind is not TaskKind.HOLD else self._started_ns
         self._reason = Reason.NOTHING_LEFT
         self._useless_logged = 0
         self._shunned = Shunned()
@@ -148,7 +153,7 @@ class Daemon:
         self._listen(now_ns)
         self._ports.vehicle.receive(now_ns)
         self._look(now_ns)
-        if now_ns >= self._tick_due_ns:
+        if now_ns >= self._tick_due_ns and self._awake(now_ns):
             self._tick(now_ns)
         self._ports.vehicle.poll(now_ns)
         if self._ports.log is not None:
@@ -170,7 +175,7 @@ class Daemon:
 
     def state(self) -> SavedState:
         """What survives a restart."""
-        return snapshot(self.agent, self._ports.clock_ns())
+        return snapshot(self.agent, self._ports.clock_ns(), self._ports.vehicle.memory())
 
     def _stalled(self, now_ns: int) -> None:
         """What queued up while the loop stood still would be taken for fresh: throw it away, it comes again.
@@ -196,6 +201,16 @@ class Daemon:
                 self._ports.log.heard(self._robot_id, data, heard.outcome.value, now_ns)
         if relays:
             self._send((), relays, now_ns)
+
+    def _awake(self, now_ns: int) -> bool:
+        """Whether it is time to decide; the first tick counts from then."""
+        if self._wakes_ns > now_ns:
+            seen, state = self.perception.age_ns(now_ns) is not None, self._ports.vehicle.state(now_ns)
+            if not (seen and usable(state, now_ns, self._settings.dry_run)):
+                self._tick_due_ns = now_ns + POLL_NS
+                return False
+            self._wakes_ns = self._tick_due_ns = now_ns
+        return True
 
     def _worth_logging(self, outcome: HearOutcome) -> bool:
         if outcome in _EFFECTIVE:

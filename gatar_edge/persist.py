@@ -21,6 +21,7 @@ import msgspec
 import numpy as np
 
 from gatar_edge.agent import Agent
+from gatar_edge.bridge.memory import NOTHING, DriverMemory
 from gatar_edge.config import AgentConfig
 from gatar_edge.tasks import Task
 from gatar_edge.types import NS_PER_S, ByteGrid, CellState, TaskKind
@@ -30,6 +31,9 @@ _DIGEST_BYTES = 16
 MAX_STATE_BYTES = 4_000_000
 # Messages that may have been sent after the last save, with room for a disk that stalled: 10/s for two minutes.
 SEQ_MARGIN = 1200
+# Signed frames that may have left after the last save: ticks of 10 us for 5 s. No more, because a vehicle that was led
+# far ahead of the time of day refuses ground stations that come later.
+SIGNING_MARGIN = 5 * 100_000
 
 
 class SavedState(msgspec.Struct, frozen=True, kw_only=True):
@@ -45,7 +49,7 @@ class SavedState(msgspec.Struct, frozen=True, kw_only=True):
     task_kind: int
     task_cell: tuple[int, int]
     task_path: list[tuple[int, int]]
-    vehicle: dict[str, str | int | float] = {}  # the driver's own memory
+    vehicle: DriverMemory = NOTHING
 
 
 class LoadOutcome(StrEnum):
@@ -66,10 +70,11 @@ class Restored:
     outcome: LoadOutcome
     state: SavedState | None = None
     last_seq: int = 0
+    signing_timestamp: int = 0  # likewise, of whatever mission: the vehicle remembers it
 
 
-def snapshot(agent: Agent, unix_ns: int, vehicle: dict[str, str | int | float] | None = None) -> SavedState:
-    """What is to be saved of `agent`."""
+def snapshot(agent: Agent, unix_ns: int, vehicle: DriverMemory = NOTHING) -> SavedState:
+    """What is to be saved of `agent` and the driver of its vehicle."""
     belief, task = agent.belief, agent.task
     return SavedState(
         robot_id=agent.identity.robot_id,
@@ -82,7 +87,7 @@ def snapshot(agent: Agent, unix_ns: int, vehicle: dict[str, str | int | float] |
         task_kind=int(task.kind),
         task_cell=(int(task.cell[0]), int(task.cell[1])),
         task_path=[(int(x), int(y)) for x, y in task.path],
-        vehicle=vehicle or {},
+        vehicle=vehicle,
     )
 
 
@@ -130,7 +135,13 @@ def load(path: Path, robot_id: int, config: AgentConfig, unix_ns: int, max_age_s
         outcome = LoadOutcome.OTHER_MISSION
     elif not 0 <= unix_ns - state.unix_ns <= max_age_s * NS_PER_S:
         outcome = LoadOutcome.TOO_OLD
-    return Restored(outcome, state if outcome is LoadOutcome.LOADED else None, state.next_seq - 1 + SEQ_MARGIN)
+    signing = state.vehicle.signing_timestamp
+    return Restored(
+        outcome,
+        state if outcome is LoadOutcome.LOADED else None,
+        state.next_seq - 1 + SEQ_MARGIN,
+        signing + SIGNING_MARGIN if signing else 0,
+    )
 
 
 def write_atomically(path: Path, data: bytes) -> None:
@@ -205,7 +216,8 @@ def _plausible(state: SavedState) -> bool:
         and state.width > 0
         and len(cells) == state.width * state.height
         and int(cells.max(initial=0)) <= CellState.LOCALIZED
-        and all(0 <= x < state.width and 0 <= y < state.height for x, y in state.task_path)
+        and all(0 <= x < state.width and 0 <= y < state.height for x, y in (*state.task_path, *state.vehicle.cells))
+        and 0 <= state.vehicle.signing_timestamp < 1 << 47
     )
 
 

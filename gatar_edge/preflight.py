@@ -20,6 +20,7 @@ from gatar_edge.agent import Identity
 from gatar_edge.allocators.base import Allocator
 from gatar_edge.bridge.link import check_url
 from gatar_edge.bridge.settings import DriverConfig
+from gatar_edge.bridge.signing import Signing, load_key, timestamp_of
 from gatar_edge.errors import ConfigError, GatarError, MissingExtraError
 from gatar_edge.keys import read_key
 from gatar_edge.message import MESSAGE_BYTES, first_seq
@@ -30,6 +31,8 @@ from gatar_edge.transports.udp import parse_address
 from gatar_edge.types import CellState, RobotKind, RobotState
 from gatar_edge.vehicle_config import VehicleConfig
 from gatar_edge.view import build_view
+
+SIGNING_LINK_ID = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +45,7 @@ class Prepared:
     driver: DriverConfig
     restored: Restored
     seq: int
+    signing: Signing | None  # of the autopilot's link
 
     @property
     def flown(self) -> str:
@@ -58,6 +62,8 @@ class Prepared:
 def prepare(config: VehicleConfig, unix_ns: int) -> Prepared:
     """Check all that needs no socket. Raises the GatarError of the first thing that is wrong."""
     key = read_key(Path(config.net.key_file))
+    signing_file = config.vehicle.signing_key_file
+    signing_key = load_key(Path(signing_file)) if signing_file else None
     driver = driver_config(config)
     _check_addresses(config)
     ByteBudget(config.net.bytes_per_s, sends=max(1, len(config.net.peers) + bool(config.net.group)))
@@ -68,7 +74,10 @@ def prepare(config: VehicleConfig, unix_ns: int) -> Prepared:
     restored = Restored(LoadOutcome.ABSENT)
     if config.state.file:
         restored = load(Path(config.state.file), config.robot.id, config.agent, unix_ns, config.state.max_age_s)
-    return Prepared(config, key, allocator, driver, restored, first_seq(unix_ns, restored.last_seq))
+    signing = None
+    if signing_key is not None:
+        signing = Signing(signing_key, SIGNING_LINK_ID, max(timestamp_of(unix_ns), restored.signing_timestamp))
+    return Prepared(config, key, allocator, driver, restored, first_seq(unix_ns, restored.last_seq), signing)
 
 
 def driver_config(config: VehicleConfig) -> DriverConfig:
@@ -135,7 +144,8 @@ def describe(prepared: Prepared, *, dry_run: bool) -> list[str]:
         f"decides    {prepared.allocator.name} {config.loop.tick_hz:g} times a second, "
         f"{config.loop.deadline_ms:g} ms each; then greedy decides",
         f"neighbours {net.transport} on {net.listen} to {reach}; own messages {share:.0f} of {net.bytes_per_s} bytes/s",
-        f"vehicle    {vehicle.url}, system {prepared.driver.sysid}, {_launching(config, dry_run)}",
+        f"vehicle    {vehicle.url}, system {prepared.driver.sysid}, {'signed, ' if prepared.signing else ''}"
+        f"{_launching(config, dry_run)}",
         f"perception {config.perception.listen}; older than {config.team.perception_max_age_s:g} s: hold",
         f"on stop    {vehicle.on_stop}",
         f"log        {config.log.folder or 'none'}",

@@ -15,6 +15,7 @@ from typing import Protocol
 from gatar_edge.agent import Agent
 from gatar_edge.bridge.driver import VehicleDriver
 from gatar_edge.bridge.link import Link, open_link
+from gatar_edge.bridge.memory import NOTHING
 from gatar_edge.daemon import POLL_NS, STOP_NS, Daemon, Ports, Settings
 from gatar_edge.deadline import ThreadRunner, punctual
 from gatar_edge.foxglove import Level
@@ -214,7 +215,9 @@ def _vehicle(
     dry_run: bool,
     tap: Callable[[bytes], None] | None,
 ) -> AutopilotPort:
-    driver = VehicleDriver(prepared.driver, now_ns)
+    saved = prepared.restored.state
+    memory = saved.vehicle if saved is not None else NOTHING
+    driver = VehicleDriver(prepared.driver, now_ns, prepared.signing, memory)
     launch = prepared.config.vehicle.launch
     if launch == "auto" and not dry_run:
         driver.launch()

@@ -98,6 +98,7 @@ class VehicleSection(_Section, frozen=True, kw_only=True):
     altitude_m: Annotated[float, Meta(gt=0, le=500)] = 20.0  # above home, for UAVs: a layer for each
     altitude_band_m: tuple[float, float] = (2.0, 120.0)  # outside of it nothing is commanded
     fence: list[tuple[_Latitude, _Longitude]] = field(default_factory=list)  # corners; empty: the grid's rectangle
+    signing_key_file: str = ""  # the key of the autopilot's link, mode 0600; empty: nothing is signed
     drive: Literal["mission", "guided"] = "mission"  # how a UGV is driven
     launch: Literal["armed", "auto"] = "armed"  # take over, and take off, once a person has armed it; or arm it oneself
     min_separation_m: Annotated[float, Meta(ge=0, le=1000)] = 0.0  # UGVs: rest no nearer to another; 0: not asked
@@ -211,7 +212,7 @@ def parse_config(text: str | bytes, name: str = "vehicle.toml") -> VehicleConfig
     """The configuration in TOML `text`. Raises ConfigError: what is wrong, and where in the file."""
     try:
         return msgspec.toml.decode(text, type=VehicleConfig)
-    except ValueError as error:  # msgspec's errors, tomllib's, and bytes that are not UTF-8
+    except (ValueError, RecursionError) as error:  # msgspec's errors, tomllib's, bytes that are not UTF-8, deep nests
         raise ConfigError(f"{name}: {_plain(str(error))}") from error
 
 
@@ -236,6 +237,7 @@ def _resolved(config: VehicleConfig, folder: Path) -> VehicleConfig:
         config,
         model=replace(config.model, file=at(config.model.file)),
         net=replace(config.net, key_file=at(config.net.key_file), zenoh_config=at(config.net.zenoh_config)),
+        vehicle=replace(config.vehicle, signing_key_file=at(config.vehicle.signing_key_file)),
         log=replace(config.log, folder=at(config.log.folder)),
         state=replace(config.state, file=at(config.state.file.replace("{id}", str(config.robot.id)))),
     )

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Literal, Protocol
 
 from gatar_edge.bridge.driver import VehicleDriver
+from gatar_edge.bridge.memory import DriverMemory
 from gatar_edge.bridge.safety import Neighbor, Refusal
 from gatar_edge.bridge.status import EventKind, Status
 from gatar_edge.journal import Journal
@@ -95,6 +96,10 @@ class AutopilotPort:
     def state(self, now_ns: int) -> VehicleState:
         """What is known of the vehicle."""
         return self.driver.state(now_ns)
+
+    def memory(self) -> DriverMemory:
+        """What the next process needs to go on, if this one is killed."""
+        return self.driver.memory()
 
     def critical(self, critical: bool) -> None:
         """Let the heartbeat say that the robot's own mind fails."""

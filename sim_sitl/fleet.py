@@ -149,6 +149,8 @@ class Fleet:
         vehicles = {robot.robot_id: robot.body.autopilot for robot in self.robots}
         self._script = Script(config.faults.incidents, vehicles)
         self.now_ns = 0
+        self.ticks = 0
+        self.decisions: tuple[Decision, ...] = ()  # of the last tick
         self._next_tick_ns = 0
         self._launch_m: dict[int, float] = {}
 
@@ -268,6 +270,7 @@ class Fleet:
             for datagram in (out.message, *out.talks):
                 self._send(robot, datagram, positions, now_ns)
         self.tally.decided_together(decisions)
+        self.ticks, self.decisions = self.ticks + 1, tuple(decisions)
         if self.log is not None:
             self.log.truth_positions(((robot.robot_id, *robot.body.xy) for robot in self.robots), now_ns)
 

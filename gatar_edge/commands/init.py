@@ -55,10 +55,11 @@ url = {url}  # udpin:host:port, udpout:host:port, tcp:host:port, serial:device:b
 altitude_m = {altitude}        # above home; give each UAV its own layer
 # altitude_band_m = [2.0, 120.0]
 # fence = [[47.0, 8.0], [47.0, 8.1], [47.1, 8.1]]  # corners; without it the grid's rectangle
+# signing_key_file = ""    # 32 bytes, mode 0600, as the autopilot was given it; empty: nothing is signed
 # drive = "mission"        # how a UGV is driven: "mission" or "guided"
 launch = {launch}          # "armed": take over, and take off, once a person has armed it; "auto": arm it, too
 # min_separation_m = 0.0   # of ground robots: none goes to within this of another one's place; 0: not asked
-# on_stop = "hold"         # SIGTERM stops the vehicle; "return": a UAV returns to launch; "leave": its last order holds
+# on_stop = "hold"         # SIGTERM stops it; "return": a UAV returns to launch; "leave" leaves it to its last order
 
 [perception]
 listen = {perception}  # or "unix:/run/gatar/perception.sock"; format: docs/observation.schema.json

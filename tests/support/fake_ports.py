@@ -9,6 +9,7 @@ from typing import Any
 from gatar_edge.agent import Agent, Identity
 from gatar_edge.allocators.base import Allocator
 from gatar_edge.allocators.greedy import Greedy
+from gatar_edge.bridge.memory import DriverMemory
 from gatar_edge.config import AgentConfig
 from gatar_edge.daemon import Daemon, Ports, Settings
 from gatar_edge.health import Snapshot
@@ -87,6 +88,9 @@ class FakeVehicle:
 
     def neighbors(self, positions: tuple[Any, ...]) -> None:
         pass
+
+    def memory(self) -> DriverMemory:
+        return DriverMemory()
 
     def return_home(self, now_ns: int) -> bool:
         self.sent_home = True

@@ -10,11 +10,16 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from gatar_edge.agent import Agent, Identity
+from gatar_edge.allocators.greedy import Greedy
+from gatar_edge.bridge.memory import DriverMemory
+from gatar_edge.bridge.signing import timestamp_of
 from gatar_edge.commands.init import command as init
 from gatar_edge.errors import GatarError, ModelError
+from gatar_edge.persist import encode_state, snapshot, write_atomically
 from gatar_edge.policy import DEFAULT_MODEL
 from gatar_edge.preflight import Prepared, anchored_clock, describe, make_allocator, prepare
-from gatar_edge.types import RobotKind, RobotState
+from gatar_edge.types import NS_PER_S, RobotKind, RobotState
 from gatar_edge.vehicle_config import read_config
 from gatar_edge.view import build_view
 
@@ -76,6 +81,12 @@ def remove_key(folder: Path) -> None:
     (folder / "team.key").unlink()
 
 
+def readable_signing_key(folder: Path) -> None:
+    edit('# signing_key_file = ""', 'signing_key_file = "signing.key"')(folder)
+    (folder / "signing.key").write_bytes(bytes(32))
+    (folder / "signing.key").chmod(0o644)
+
+
 def edit(old: str, new: str) -> Callable[[Path], None]:
     def change(folder: Path) -> None:
         path = folder / "vehicle.toml"
@@ -98,6 +109,8 @@ def edit(old: str, new: str) -> Callable[[Path], None]:
         ),
         (edit("udpin:127.0.0.1:14551", "udp:127.0.0.1:14551"), "'udp' is unknown"),
         (edit("udpin:127.0.0.1:14551", "udpin:127.0.0.1"), "HOST:PORT"),
+        (edit('# signing_key_file = ""', 'signing_key_file = "signing.key"'), "signing.key: No such file"),
+        (readable_signing_key, "signing.key has mode 0644, others may read it"),
         (edit("127.0.0.1:14602", "127.0.0.1"), "net.peers '127.0.0.1'"),
         (edit("127.0.0.1:14700", "0.0.0.0:14700"), "allow_remote"),
         (edit("altitude_m = 20.0", "altitude_m = 150.0"), "altitude_band_m"),
@@ -112,6 +125,23 @@ def test_each_mistake_is_one_line(tmp_path: Path, break_it: Callable[[Path], Non
         check(path)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_signed_frames_go_on_from_the_later_of_the_clock_and_what_was_saved(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    edit('# signing_key_file = ""', 'signing_key_file = "signing.key"')(tmp_path)
+    (tmp_path / "signing.key").write_bytes(bytes(range(32)))
+    (tmp_path / "signing.key").chmod(0o600)
+    config, now_ns = read_config(path), NOW_NS
+    by_the_clock = prepare(config, now_ns).signing
+    assert by_the_clock is not None
+    assert by_the_clock.timestamp == timestamp_of(now_ns)
+    agent = Agent(Identity(3, RobotKind.UAV, 1.0), config.agent, Greedy(), bytes(32))
+    saved = snapshot(agent, now_ns, DriverMemory(signing_timestamp=timestamp_of(now_ns)))
+    write_atomically(Path(config.state.file), encode_state(saved))
+    after_a_slow_clock = prepare(config, now_ns - 30 * NS_PER_S).signing
+    assert after_a_slow_clock is not None
+    assert after_a_slow_clock.timestamp > by_the_clock.timestamp
 
 
 def test_a_model_file_that_vanishes_in_flight_changes_nothing(tmp_path: Path) -> None:
