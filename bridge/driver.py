@@ -258,7 +258,7 @@ class VehicleDriver:
             pilot=vehicle is not None and vehicle.launch.phase is Phase.PILOT,
             ready=vehicle is not None and vehicle.ready(now_ns),
             home=vehicle is not None and vehicle.seen.home is not None,
-            origin=vehicle is not None and vehicle.seen.origin is not None,
+            origin=vehicle is not None and vehicle.seen.has_origin(now_ns),
             position_m=self._position_m(),
             position_ns=vehicle.seen.position_ns if vehicle is not None else -1,
             pursued=self._pursued,

@@ -112,7 +112,7 @@ class Launch:
         return seen.landed_state != LANDED_ON_GROUND and seen.alt_rel_m >= AIRBORNE_M
 
     def _wait(self, seen: Telemetry, now_ns: int) -> None:
-        if not seen.unknown and seen.position is not None:
+        if seen.home is not None and seen.position is not None and seen.has_origin(now_ns):
             self.fire(Event.LOCATED, now_ns)
 
     def _set_mode(self, seen: Telemetry, now_ns: int) -> None:

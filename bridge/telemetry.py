@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from gatar_edge.bridge import wire
 from gatar_edge.bridge.geo import geodetic_to_enu
 from gatar_edge.bridge.wire import MessageId
+from gatar_edge.types import NS_PER_S
 
 NEVER = -1
+ORIGIN_SILENCE_NS = 20 * NS_PER_S  # of asking once a second
 
 
 @dataclass(slots=True)
@@ -20,6 +22,7 @@ class Telemetry:
     heartbeat_ns: int = NEVER
     position: wire.GlobalPosition | None = None
     position_ns: int = NEVER
+    position_first_ns: int = NEVER
     home: wire.HomePosition | None = None
     origin: wire.GlobalOrigin | None = None
     current: wire.MissionCurrent | None = None
@@ -36,6 +39,8 @@ class Telemetry:
                 self.heartbeat, self.heartbeat_ns = message, now_ns
             case wire.GlobalPosition() if message.lat_e7 or message.lon_e7:  # (0, 0) means "no position yet"
                 self.position, self.position_ns = message, now_ns
+                if self.position_first_ns == NEVER:
+                    self.position_first_ns = now_ns
             case wire.HomePosition() if message.lat_e7 or message.lon_e7:
                 self.home = message
             case wire.GlobalOrigin() if message.lat_e7 or message.lon_e7:
@@ -64,6 +69,14 @@ class Telemetry:
         """Ids of the messages that are needed once and have not come."""
         needed = {MessageId.HOME_POSITION: self.home, MessageId.GPS_GLOBAL_ORIGIN: self.origin}
         return tuple(message_id for message_id, value in needed.items() if value is None)
+
+    def has_origin(self, now_ns: int) -> bool:
+        """Whether its estimator has an origin: told, or shown by global positions while no answer comes.
+
+        Not every firmware answers a request for GPS_GLOBAL_ORIGIN, but none estimates a global position without one.
+        """
+        shown = self.position_first_ns != NEVER and now_ns - self.position_first_ns >= ORIGIN_SILENCE_NS
+        return self.origin is not None or (self.home is not None and shown)
 
     @property
     def lat_lon_deg(self) -> tuple[float, float] | None:

@@ -283,7 +283,7 @@ def test_a_rover_may_also_be_driven_by_guided_targets(stack: str) -> None:
 def test_without_an_origin_nothing_is_armed_and_no_target_leaves(stack: str) -> None:
     flight = Flight(stack)
     flight.vehicle.has_origin = False
-    flight.go(Goto((9, 8)) if stack.endswith("copter") else Mission(((2, 7),)), 20)
+    flight.go(Goto((9, 8)) if stack.endswith("copter") else Mission(((2, 7),)), 15)
     assert not flight.vehicle.armed
     assert not flight.sent("COMMAND_INT")
     assert not flight.sent("MISSION_COUNT")
@@ -292,10 +292,19 @@ def test_without_an_origin_nothing_is_armed_and_no_target_leaves(stack: str) -> 
     assert flight.driver.status is Status.ARRIVED
 
 
+@pytest.mark.parametrize("stack", STACKS)
+def test_a_firmware_that_never_tells_its_origin_is_flown_once_its_position_has_shown_it(stack: str) -> None:
+    flight = Flight(stack)
+    flight.vehicle.has_origin = False
+    flight.go(Goto((9, 8)) if stack.endswith("copter") else Mission(((2, 7),)), 90)
+    assert flight.driver.status is Status.ARRIVED
+
+
 def test_the_gate_asks_for_the_origin_by_itself() -> None:
     flight = Flight("ardupilot-copter").launched()
     assert flight.driver._vehicle is not None
-    flight.driver._vehicle.seen.origin = None
+    seen = flight.driver._vehicle.seen
+    seen.origin, seen.position_first_ns = None, seen.position_ns
     flight.vehicle.has_origin = False
     flight.go(Goto((9, 8)), 3)
     assert flight.pursued == Hold("refused: the estimator's origin is not known")
