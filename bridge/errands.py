@@ -90,10 +90,10 @@ class MissionErrand(Errand):
 
     def _begin(self, vehicle: Address, profile: Profile, now_ns: int) -> None:
         self._client = MissionClient(profile, self.visit.me, vehicle, random.Random(self._seed))
-        if not self._clear:
-            self._client.download(now_ns)
-        elif not self.armed:
+        if self._clear:
             self._client.clear(now_ns)
+        else:
+            self._client.download(now_ns)
 
     def _go_on(self, vehicle: Address, now_ns: int) -> list[Message]:
         assert self._client is not None

@@ -16,7 +16,7 @@ import torch
 from safetensors.torch import load_file
 
 from gatar_edge.allocators.base import in_id_order
-from gatar_edge.allocators.gatar import can_explore, decode
+from gatar_edge.allocators.gatar import decode
 from gatar_edge.errors import GatarError, ModelError
 from gatar_edge.export.spec import DYNAMIC, TOLERANCE, SingleView
 from gatar_edge.export.states import CONNECTED, ISOLATED, random_view
@@ -176,4 +176,4 @@ def _as_exported(output: PolicyOutput) -> PolicyOutput:
 
 def _decide(view: View, output: PolicyOutput) -> np.ndarray[Any, np.dtype[np.int32]]:
     scores = output.scores[:, [*range(len(view.targets)), -1]]
-    return decode(scores, view.lengths != UNREACHABLE, in_id_order(view), can_explore(view))
+    return decode(scores, view.lengths != UNREACHABLE, in_id_order(view))

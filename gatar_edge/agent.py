@@ -15,7 +15,7 @@ from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.belief import merged, nothing_known, observed, window_at, window_origin
 from gatar_edge.config import AgentConfig
 from gatar_edge.message import NeighborMessage, encode
-from gatar_edge.neighbors import Heard, HearOutcome, NeighborTable
+from gatar_edge.neighbors import Heard, HearOutcome, Neighbor, NeighborTable
 from gatar_edge.talk import TALK, Talk
 from gatar_edge.tasks import Rules, Task, decide, to_command
 from gatar_edge.types import (
@@ -64,6 +64,17 @@ class Identity:
     speed_cells_s: float
 
 
+@dataclass(frozen=True, slots=True)
+class Memory:
+    """What an agent's next decisions depend on, beside its belief, its task, and what allocators told each other."""
+
+    next_seq: int
+    ticks: int
+    takes_part: bool
+    observation: Observation | None
+    neighbors: tuple[Neighbor, ...]
+
+
 class Agent:
     """Belief, neighbours, allocation and task of one robot."""
 
@@ -100,6 +111,16 @@ class Agent:
     def next_seq(self) -> int:
         """Sequence number of the next message: what a restarted robot must go on from."""
         return self._seq
+
+    def memory(self) -> Memory:
+        """What a log's next file must hold, so that it can be replayed on its own."""
+        return Memory(self._seq, self._tick, self._takes_part, self._observation, self.neighbors.remembered())
+
+    def recall(self, memory: Memory) -> None:
+        """Go on from what `memory` gave."""
+        self._seq, self._tick = memory.next_seq, memory.ticks
+        self._takes_part, self._observation = memory.takes_part, memory.observation
+        self.neighbors.recall(memory.neighbors)
 
     def tick(self, now_ns: int, inbox: Inbox) -> Outbox:
         """Take in what came, decide, and compose the message that tells the neighbours."""

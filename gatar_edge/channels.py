@@ -88,8 +88,28 @@ class DecisionRecord(msgspec.Struct, frozen=True):
     sent: dict[str, Any]
 
 
+class HeardRecord(msgspec.Struct, frozen=True):
+    """The newest message of one author."""
+
+    heard_ns: int
+    data: str  # base64, without a signature
+
+
+class MemoryRecord(msgspec.Struct, frozen=True):
+    """What an agent remembered when its log went on in another file: see `agent.Memory`."""
+
+    next_seq: int
+    ticks: int
+    takes_part: bool
+    observation: ObservationRecord | None
+    neighbors: list[HeardRecord]
+
+
 class AgentStateRecord(msgspec.Struct, frozen=True):
-    """What an agent starts with that takes over from an earlier one: see `persist.SavedState`."""
+    """What an agent starts with that takes over from an earlier one: see `persist.SavedState`.
+
+    `memory` is there at the beginning of a later file of one run, and not after a restart.
+    """
 
     robot_id: int
     width: int
@@ -98,6 +118,7 @@ class AgentStateRecord(msgspec.Struct, frozen=True):
     task_kind: TaskKind
     task_cell: tuple[int, int]
     task_path: list[tuple[int, int]]
+    memory: MemoryRecord | None = None
 
 
 class VehicleRecord(msgspec.Struct, frozen=True):
@@ -180,7 +201,12 @@ DECISION = Channel(
     "/robot/{id}/decision", _JSON, "gatar.Decision", "tick", "what was decided, on what, and why", DecisionRecord
 )
 AGENT_STATE = Channel(
-    "/robot/{id}/state", _JSON, "gatar.AgentState", "restart", "what it took over from before", AgentStateRecord
+    "/robot/{id}/state",
+    _JSON,
+    "gatar.AgentState",
+    "restart, new file",
+    "what it took over from before",
+    AgentStateRecord,
 )
 VEHICLE = Channel("/robot/{id}/vehicle", _JSON, "gatar.Vehicle", "tick", "what the bridge knows", VehicleRecord)
 MAVLINK_RX = Channel(

@@ -58,9 +58,25 @@ def gatar() -> None:
 
 
 def main() -> None:
-    """Run `gatar`; errors of ours end as one line and exit code 2."""
+    """Run `gatar`; errors of ours and wrong usage end as one line and exit code 2."""
     try:
-        gatar(prog_name="gatar")
+        result = gatar(prog_name="gatar", standalone_mode=False)
     except GatarError as error:
         click.echo(f"gatar: {error}", err=True)
         sys.exit(2)
+    except click.exceptions.NoArgsIsHelpError as error:
+        error.show()
+        sys.exit(2)
+    except click.ClickException as error:
+        click.echo(f"gatar: {_one_line(error)}", err=True)
+        sys.exit(error.exit_code)
+    except click.Abort:
+        click.echo("gatar: interrupted", err=True)
+        sys.exit(130)
+    sys.exit(result if isinstance(result, int) else 0)
+
+
+def _one_line(error: click.ClickException) -> str:
+    context = error.ctx if isinstance(error, click.UsageError) else None
+    text = " ".join(error.format_message().split())
+    return f"{text.rstrip('.')} - see `{context.command_path} --help`" if context is not None else text

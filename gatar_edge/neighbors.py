@@ -113,6 +113,14 @@ class NeighborTable:
             del found[self._max_neighbors :]
         return tuple(sorted(found, key=lambda neighbor: neighbor.robot_id))
 
+    def remembered(self) -> tuple[Neighbor, ...]:
+        """The newest message of every author, the longest silent first."""
+        return tuple(self._authors.values())
+
+    def recall(self, neighbors: tuple[Neighbor, ...]) -> None:
+        """Know what `remembered` gave, and nothing else."""
+        self._authors = {neighbor.robot_id: neighbor for neighbor in neighbors}
+
     def _judge(self, data: bytes, now_ns: int) -> Heard:
         try:
             envelope = open_envelope(data, self._key)

@@ -26,7 +26,7 @@ from gatar_edge.errors import LogError
 from gatar_edge.logfile import RecordStream
 from gatar_edge.mavlink_frame import without_secrets
 from gatar_edge.persist import SavedState
-from gatar_edge.record_items import RadioBuffers, agent_state, command_record, flat_cells
+from gatar_edge.record_items import RadioBuffers, agent_state, command_record, observation_record
 from gatar_edge.types import (
     NS_PER_S,
     BoolGrid,
@@ -88,26 +88,27 @@ class Recorder:
         self._writer.add_attachment(now_ns, now_ns, "run_info.json", "application/json", self._run_info)
         self.poll(now_ns)
 
+    @property
+    def size_bytes(self) -> int:
+        """Length of the file so far, but for the chunk that is being filled."""
+        return self._stream.tell()
+
     # What an agent meets and does
 
     def observation(self, observation: Observation) -> None:
         """Beside `Agent.observe`."""
         robot_id = observation.robot_id
         self._flush_radio(robot_id)
-        record = ch.ObservationRecord(
-            robot_id=robot_id,
-            kind=observation.kind.value,
-            cell=observation.cell,
-            t_ns=observation.t_ns,
-            seen=flat_cells(observation.seen),
-            obstacles=flat_cells(observation.obstacles),
-            targets=flat_cells(observation.targets),
-        )
+        record = observation_record(observation)
         self._json(ch.OBSERVATION, record, max(self._now_ns, observation.t_ns), robot_id, observation.t_ns)
 
     def takes_over(self, state: SavedState, now_ns: int) -> None:
         """Beside `persist.restore`: what the agent starts with, where that is not nothing."""
         self._json(ch.AGENT_STATE, agent_state(state), now_ns, state.robot_id)
+
+    def goes_on(self, state: ch.AgentStateRecord, now_ns: int) -> None:
+        """At the beginning of a later file: `record_items.carried_state` of the agent."""
+        self._json(ch.AGENT_STATE, state, now_ns, state.robot_id)
 
     def heard(self, robot_id: int, datagram: bytes, outcome_name: str, now_ns: int) -> None:
         """Beside `Agent.hear`, with the value of the outcome. The bytes are kept where they had an effect."""

@@ -9,13 +9,19 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
 
+import msgspec
+import numpy as np
+
 from gatar_edge import channels as ch
+from gatar_edge.agent import Agent, Memory
 from gatar_edge.config import AgentConfig
 from gatar_edge.errors import LogError, MessageError
-from gatar_edge.message import unpack
-from gatar_edge.persist import SavedState
+from gatar_edge.keys import KEY_BYTES
+from gatar_edge.message import MAC_BYTES, encode, unpack
+from gatar_edge.neighbors import Neighbor
+from gatar_edge.persist import SavedState, snapshot
 from gatar_edge.talk import author_of
-from gatar_edge.types import Cells, Goto, Hold, Mission, TaskKind, VehicleCommand
+from gatar_edge.types import Cells, Goto, Hold, Mission, Observation, RobotKind, TaskKind, VehicleCommand
 
 EFFECTIVE = frozenset(("accepted", "nearer", "talk"))  # outcomes of a datagram that changed what a robot knows
 COMMONPLACE = frozenset(("duplicate", "own", "too_far"))  # outcomes that are only counted
@@ -140,6 +146,64 @@ def saved_state(record: ch.AgentStateRecord, config: AgentConfig) -> SavedState:
         task_cell=record.task_cell,
         task_path=record.task_path,
     )
+
+
+def carried_state(agent: Agent) -> ch.AgentStateRecord:
+    """All that the next file of a log needs to be replayed without the files before it."""
+    memory = agent.memory()
+    unsigned = [
+        ch.HeardRecord(
+            neighbor.heard_ns,
+            base64.b64encode(encode(neighbor.message, bytes(KEY_BYTES))[:-MAC_BYTES]).decode(),
+        )
+        for neighbor in memory.neighbors
+    ]
+    seen = None if memory.observation is None else observation_record(memory.observation)
+    record = ch.MemoryRecord(memory.next_seq, memory.ticks, memory.takes_part, seen, unsigned)
+    return msgspec.structs.replace(agent_state(snapshot(agent, 0)), memory=record)
+
+
+def memory_of(record: ch.MemoryRecord) -> Memory:
+    """Inverse of the part of `carried_state` that `agent_state` lacks. Raises LogError where it is damaged."""
+    try:
+        neighbors = tuple(
+            Neighbor(unpack(base64.b64decode(heard.data, validate=True) + bytes(MAC_BYTES)), heard.heard_ns)
+            for heard in record.neighbors
+        )
+    except (MessageError, ValueError, struct.error) as error:
+        raise LogError(f"a recorded state is damaged: {error}") from error
+    seen = None if record.observation is None else observation_of(record.observation)
+    return Memory(record.next_seq, record.ticks, record.takes_part, seen, neighbors)
+
+
+def observation_record(observation: Observation) -> ch.ObservationRecord:
+    """An observation as the log holds it."""
+    return ch.ObservationRecord(
+        robot_id=observation.robot_id,
+        kind=observation.kind.value,
+        cell=observation.cell,
+        t_ns=observation.t_ns,
+        seen=flat_cells(observation.seen),
+        obstacles=flat_cells(observation.obstacles),
+        targets=flat_cells(observation.targets),
+    )
+
+
+def observation_of(record: ch.ObservationRecord) -> Observation:
+    """Inverse of `observation_record`."""
+    return Observation(
+        robot_id=record.robot_id,
+        kind=RobotKind(record.kind),
+        cell=record.cell,
+        seen=_cells(record.seen),
+        obstacles=_cells(record.obstacles),
+        targets=_cells(record.targets),
+        t_ns=record.t_ns,
+    )
+
+
+def _cells(flat: list[int]) -> Cells:
+    return np.array(flat, dtype=np.int16).reshape(-1, 2)
 
 
 def flat_cells(cells: Cells) -> list[int]:

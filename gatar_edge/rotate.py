@@ -1,10 +1,18 @@
-"""A mission log in files of bounded length: the index of an MCAP file grows in memory until the file is closed."""
+"""A mission log in files of bounded length, of which the oldest are deleted: a robot's disk must not fill up.
+
+A file ends after a time as well because its index grows in memory until it is closed. The oldest is the one written
+last the longest ago; a limit by age is not offered, because a robot without a battery for its clock starts in 1970.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
+from gatar_edge import channels as ch
 from gatar_edge.errors import LogError
 from gatar_edge.foxglove import Level
 from gatar_edge.persist import SavedState
@@ -12,20 +20,60 @@ from gatar_edge.record import Recorder
 from gatar_edge.types import ByteGrid, Decision, GridSpec, Observation, VehicleCommand, VehicleState
 
 
+@dataclass(frozen=True, slots=True)
+class Ring:
+    """How long files get, and how much stays. A limit of 0 is none."""
+
+    file_ns: int
+    file_bytes: int = 0
+    total_bytes: int = 0  # of all files of one robot, the one that is being written at its full length
+    files: int = 0  # with the one that is being written
+
+
+def make_room(folder: Path, stem: str, ring: Ring) -> list[str]:
+    """Delete the oldest logs named `stem`-TIME in `folder` until another file fits in; their names.
+
+    Files with other names, such as merged or recovered ones, are somebody's work and stay, as does what the system
+    refuses to delete.
+    """
+    named = re.compile(re.escape(stem) + r"-\d{8}T\d{6}Z(-\d+)?\.mcap")
+    found = []
+    for path in folder.glob(f"{stem}-*.mcap"):
+        try:
+            about = path.stat()
+        except OSError:
+            continue
+        if named.fullmatch(path.name):
+            found.append((about.st_mtime_ns, path.name, about.st_size))
+    found.sort()
+    total, count, deleted = sum(size for *_, size in found), len(found), []
+    for _, name, size in found:
+        too_large = ring.total_bytes and total + ring.file_bytes > ring.total_bytes
+        if not too_large and not (ring.files and count >= ring.files):
+            break
+        try:
+            (folder / name).unlink()
+        except OSError:
+            continue
+        deleted.append(name)
+        total, count = total - size, count - 1
+    return deleted
+
+
 class RotatingLog:
-    """A `daemon.Log` that goes on in a new file after `period_ns`; `gatar log merge` puts the files together.
+    """A `daemon.Log` that goes on in a new file when `ring` says so; `gatar log merge` puts the files together.
 
     `open_file(now_ns)` makes the next `Recorder`; where it raises LogError the log ends, and the robot goes on.
     `carry`, once set, tells what the robot knows when a new file begins.
     """
 
-    carry: Callable[[], SavedState] | None = None
+    carry: Callable[[], ch.AgentStateRecord] | None = None
 
-    def __init__(self, open_file: Callable[[int], Recorder], period_ns: int, now_ns: int) -> None:
+    def __init__(self, open_file: Callable[[int], Recorder], ring: Ring, now_ns: int) -> None:
         self._open_file = open_file
-        self._period_ns = period_ns
+        self._ring = ring
         self._recorder = open_file(now_ns)
-        self._due_ns = now_ns + period_ns
+        self._due_ns = now_ns + ring.file_ns
 
     @property
     def stopped(self) -> str:
@@ -69,11 +117,12 @@ class RotatingLog:
         self._recorder.takes_over(state, now_ns)
 
     def poll(self, now_ns: int) -> None:
-        """Write what is due; begin the next file when its time has come."""
+        """Write what is due; begin the next file when this one is old or large enough."""
         self._recorder.poll(now_ns)
-        if now_ns < self._due_ns or self._recorder.stopped:
+        full = self._ring.file_bytes and self._recorder.size_bytes >= self._ring.file_bytes
+        if self._recorder.stopped or not (full or now_ns >= self._due_ns):
             return
-        self._due_ns = now_ns + self._period_ns
+        self._due_ns = now_ns + self._ring.file_ns
         self._recorder.close()
         try:
             self._recorder = self._open_file(now_ns)
@@ -81,7 +130,7 @@ class RotatingLog:
             self._recorder.stopped = str(error)
             return
         if self.carry is not None:
-            self.takes_over(self.carry(), now_ns)
+            self._recorder.goes_on(self.carry(), now_ns)
 
     def close(self) -> None:
         """Complete the file."""

@@ -18,6 +18,7 @@ from gatar_edge.bridge.link import Link, open_link
 from gatar_edge.daemon import POLL_NS, STOP_NS, Daemon, Settings
 from gatar_edge.deadline import ThreadRunner, punctual
 from gatar_edge.driver_memory import NOTHING
+from gatar_edge.foxglove import Level
 from gatar_edge.health import Snapshot
 from gatar_edge.journal import Journal
 from gatar_edge.perception import Perception
@@ -26,7 +27,8 @@ from gatar_edge.persist import StateSaver, restore
 from gatar_edge.ports import Ports
 from gatar_edge.preflight import Prepared
 from gatar_edge.record import Recorder
-from gatar_edge.rotate import RotatingLog
+from gatar_edge.record_items import carried_state
+from gatar_edge.rotate import Ring, RotatingLog, make_room
 from gatar_edge.runinfo import describe_run
 from gatar_edge.transports.base import Transport
 from gatar_edge.transports.budget import ByteBudget
@@ -176,7 +178,7 @@ def opened(prepared: Prepared, clock_ns: Clock, *, dry_run: bool) -> Iterator[Pr
             _settings(config, dry_run=dry_run),
         )
         if log is not None:
-            log.carry = daemon.state
+            log.carry = lambda: carried_state(daemon.agent)
         if saver is not None:
             stack.callback(saver.close)
             stack.callback(lambda: saver.save_soon(daemon.state()))  # runs before close
@@ -256,19 +258,34 @@ def _open_log(prepared: Prepared, now_ns: int) -> RotatingLog | None:
         extra={"simulated": False, "restored": prepared.restored.outcome.value},
     )
 
-    def open_file(now_ns: int) -> Recorder:
-        return Recorder(_log_path(config, now_ns), info, now_ns)
+    ring = Ring(
+        file_ns=int(config.log.rotate_min * 60 * NS_PER_S),
+        file_bytes=int(config.log.rotate_mb * 1e6),
+        total_bytes=int(config.log.keep_mb * 1e6),
+        files=config.log.keep_files,
+    )
 
-    return RotatingLog(open_file, int(config.log.rotate_min * 60 * NS_PER_S), now_ns)
+    def open_file(now_ns: int) -> Recorder:
+        deleted = make_room(Path(config.log.folder), _log_stem(config), ring)
+        recorder = Recorder(_log_path(config, now_ns), info, now_ns)
+        if deleted:
+            recorder.text(Level.INFO, config.robot.id, f"deleted the oldest logs: {', '.join(deleted[:20])}", now_ns)
+        return recorder
+
+    return RotatingLog(open_file, ring, now_ns)
 
 
 def _log_path(config: VehicleConfig, now_ns: int) -> Path:
     """A name that sorts by robot and time, and of no file that exists: a restart within a second is another run."""
     stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime(now_ns / NS_PER_S))
-    name = f"{config.kind.name.lower()}{config.robot.id}-{stamp}"
+    name = f"{_log_stem(config)}-{stamp}"
     folder = Path(config.log.folder)
     taken = sum(1 for _ in folder.glob(f"{name}*.mcap"))
     return folder / (f"{name}Z-{taken}.mcap" if taken else f"{name}Z.mcap")
+
+
+def _log_stem(config: VehicleConfig) -> str:
+    return f"{config.kind.name.lower()}{config.robot.id}"
 
 
 def _to_all(watchers: Sequence[Callable[[Snapshot], None]]) -> Callable[[Snapshot], None]:

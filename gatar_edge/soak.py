@@ -28,7 +28,8 @@ from gatar_edge.message import first_seq, with_hops
 from gatar_edge.perception import Perception, encode_observation
 from gatar_edge.ports import Ports
 from gatar_edge.record import Recorder
-from gatar_edge.rotate import RotatingLog
+from gatar_edge.record_items import carried_state
+from gatar_edge.rotate import Ring, RotatingLog
 from gatar_edge.runinfo import describe_run
 from gatar_edge.sim_sitl.body import Body
 from gatar_edge.sim_sitl.world import Team, observe, random_world
@@ -140,13 +141,13 @@ class Soak:
         config = AgentConfig(grid=GRID)
         identity = Identity(1, RobotKind.UAV, SPEED_CELLS_S)
         info = describe_run(config, [identity], allocator)
-        self.log = RotatingLog(lambda now_ns: _replacing(folder, info, now_ns), HOUR_TICKS * TICK_NS, 0)
+        self.log = RotatingLog(lambda now_ns: _replacing(folder, info, now_ns), Ring(HOUR_TICKS * TICK_NS), 0)
         driver = VehicleDriver(DriverConfig(1, RobotKind.UAV, GRID, sysid=1, speed_m_s=5.0), 0)
         vehicle = AutopilotPort(driver, self._wire, Journal(1, self.log), self.log, launch_when_armed=False)
         ports = Ports(self._air, self._eyes, vehicle, lambda: self.now_ns, self.log)
         agent = Agent(identity, config, make(allocator)(), DEMO_KEY)
         self.daemon = Daemon(agent, Perception(1, RobotKind.UAV, GRID), ByteBudget(32_768), ports, Settings(TICK_NS))
-        self.log.carry = self.daemon.state
+        self.log.carry = lambda: carried_state(self.daemon.agent)
 
     def tick(self) -> None:
         """A fifth of a second."""

@@ -137,6 +137,13 @@ class LogSection(_Section, frozen=True, kw_only=True):
 
     folder: str = "logs"  # files named by robot and time; empty: no log
     rotate_min: Annotated[float, Meta(ge=1, le=1440)] = 60.0  # begin another file after this long
+    rotate_mb: Annotated[float, Meta(ge=1, le=4000)] = 64.0  # or when it is this large
+    keep_mb: Annotated[float, Meta(ge=2, le=10_000_000)] = 2000.0  # of this robot in all: the oldest are deleted
+    keep_files: Annotated[int, Meta(ge=2, le=10_000)] = 500
+
+    def __post_init__(self) -> None:
+        if self.keep_mb < 2 * self.rotate_mb:
+            raise ValueError(f"keep_mb {self.keep_mb:g} must be at least twice rotate_mb, {self.rotate_mb:g}")
 
 
 class StateSection(_Section, frozen=True, kw_only=True):
@@ -205,7 +212,7 @@ def parse_config(text: str | bytes, name: str = "vehicle.toml") -> VehicleConfig
     """The configuration in TOML `text`. Raises ConfigError: what is wrong, and where in the file."""
     try:
         return msgspec.toml.decode(text, type=VehicleConfig)
-    except ValueError as error:  # msgspec's errors, tomllib's, and bytes that are not UTF-8
+    except (ValueError, RecursionError) as error:  # msgspec's errors, tomllib's, bytes that are not UTF-8, deep nests
         raise ConfigError(f"{name}: {_plain(str(error))}") from error
 
 

@@ -118,7 +118,7 @@ def parse_faults(text: bytes, name: str = "faults") -> Faults:
         raise ConfigError(f"{name} has {len(text)} bytes, the limit is {MAX_FILE_BYTES}")
     try:
         return msgspec.toml.decode(text, type=FaultsFile).faults()
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # of msgspec, of tomllib, of bytes that are not UTF-8, of deep nests
         raise ConfigError(f"{name}: {' '.join(str(error).split())}") from None
     except ConfigError as error:
         raise ConfigError(f"{name}: {error}") from None

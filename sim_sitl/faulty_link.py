@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import IntEnum
 
 from gatar_edge.sim_sitl.faults import LinkFaults
@@ -47,6 +48,7 @@ class FaultyLink:
             End.VEHICLE: Lane(to_companion, f"link/{seed}/{name}/to_companion"),
         }
         self._in_flight: InFlight[End] = InFlight()
+        self.tap: Callable[[End, bytes], None] | None = None  # is shown what is sent, before anything happens to it
 
     def begin(self, now_ns: int) -> None:
         """The mission has begun: blackouts count from here."""
@@ -55,6 +57,8 @@ class FaultyLink:
 
     def send(self, now_ns: int, sender: End, data: bytes) -> None:
         """Send frames from one end."""
+        if self.tap is not None:
+            self.tap(sender, data)
         for frame in split_frames(data):
             for due_ns, arriving in self._lanes[sender].carry(now_ns, frame):
                 self._in_flight.add(due_ns, sender.other, arriving)

@@ -159,6 +159,8 @@ class Fleet:
         vehicles = {robot.robot_id: robot.body.autopilot for robot in self.robots}
         self._script = Script(config.faults.incidents, vehicles)
         self.now_ns = 0
+        self.ticks = 0
+        self.decisions: tuple[Decision, ...] = ()  # of the last tick
         self._next_tick_ns = 0
         self._launch_m: dict[int, float] = {}
 
@@ -242,7 +244,7 @@ class Fleet:
                     continue
                 heard = robot.agent.hear(datagram, now_ns + robot.skew_ns)
                 if self.log is not None:
-                    self.log.heard(receiver, datagram, heard.outcome.value, now_ns)
+                    self.log.heard(receiver, datagram, heard.outcome.value, now_ns + robot.skew_ns)
                 if heard.relay is not None:
                     self._send(robot, heard.relay, positions, now_ns)
 
@@ -250,7 +252,7 @@ class Fleet:
         self.tally.sent(datagram)
         self.radio.send(now_ns, robot.robot_id, datagram, positions)
         if self.log is not None:
-            self.log.sent(robot.robot_id, datagram, now_ns)
+            self.log.sent(robot.robot_id, datagram, now_ns + robot.skew_ns)
 
     def _tick(self, now_ns: int) -> None:
         """One tick of every mind."""
@@ -268,7 +270,7 @@ class Fleet:
             start_ns = time.perf_counter_ns()
             out = robot.agent.tick(its_ns, Inbox(seen))
             latency_ns = time.perf_counter_ns() - start_ns
-            heard = robot.agent.neighbors.fresh(now_ns, cell)
+            heard = robot.agent.neighbors.fresh(its_ns, cell)
             robot.driver.neighbors(occupied(robot.robot_id, robot.kind, heard, self.config.agent.grid))
             sent = robot.driver.command(out.command, now_ns)
             self.tally.decided(out.decision, latency_ns)
@@ -279,6 +281,7 @@ class Fleet:
             for datagram in (out.message, *out.talks):
                 self._send(robot, datagram, positions, now_ns)
         self.tally.decided_together(decisions)
+        self.ticks, self.decisions = self.ticks + 1, tuple(decisions)
         if self.log is not None:
             self.log.truth_positions(((robot.robot_id, *robot.body.xy) for robot in self.robots), now_ns)
 

@@ -1,8 +1,8 @@
 """The learned allocator: a network's scores, decoded by one small linear assignment over the graph.
 
 Every robot of a graph solves the same assignment in the same order of ids, so that two robots with the same view never
-take the same target. "No target" competes as a column of its own; a robot with nothing left to explore may not take it
-while a target is free, because a team that waits for nothing waits for ever.
+take the same target. No robot goes without while a target that it can reach is free: a known target is worth more than
+what may lie behind the frontier.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from gatar_edge.features import features
 from gatar_edge.grid import UNREACHABLE
 from gatar_edge.manifest import check_config
 from gatar_edge.policy import Policy
-from gatar_edge.types import CellState, Floats
+from gatar_edge.types import Floats
 from gatar_edge.view import View
 
 IMPOSSIBLE = 1e6  # cost of a pair that must not be chosen
 LEAST = 1e-9  # probability below which there is no difference
-UNWANTED = 1e3  # cost of waiting with nothing to explore
+UNWANTED = 1e3  # cost of going without: more than the least likely target
 
 
 class Gatar:
@@ -44,26 +44,14 @@ class Gatar:
         possible = view.lengths != UNREACHABLE
         x, y = view.robots[0].cell
         return Allocation(
-            choices=decode(output.scores[:, [*range(count), -1]], possible, in_id_order(view), can_explore(view)),
+            choices=decode(output.scores[:, [*range(count), -1]], possible, in_id_order(view)),
             scores=np.where(possible, output.scores[:, :count], -np.inf).astype(np.float32),
             xy=(x + float(output.xy[0]), y + float(output.xy[1])),
             attention=tuple(float(share) for share in output.attention),
         )
 
 
-def can_explore(view: View) -> npt.NDArray[np.bool_]:
-    """Whether each robot can reach a cell that nobody has told of: bool [N]."""
-    unknown = view.belief == CellState.UNKNOWN
-    reached: npt.NDArray[np.bool_] = (view.distances[:, unknown] != UNREACHABLE).any(axis=1)
-    return reached
-
-
-def decode(
-    scores: Floats,
-    possible: npt.NDArray[np.bool_],
-    order: npt.NDArray[np.int64],
-    explores: npt.NDArray[np.bool_],
-) -> Choices:
+def decode(scores: Floats, possible: npt.NDArray[np.bool_], order: npt.NDArray[np.int64]) -> Choices:
     """The most likely joint choice by scores [N, M + 1] (probabilities, last: no target) and possible [N, M]; rows are
     solved in `order`.
     """
@@ -74,7 +62,7 @@ def decode(
     likely = np.log(np.maximum(scores.astype(np.float64), LEAST))
     cost = np.empty((robots, count + robots))
     cost[:, :count] = np.where(possible, -likely[:, :-1], IMPOSSIBLE)
-    cost[:, count:] = (-likely[:, -1] + np.where(explores, 0.0, UNWANTED))[:, None]
+    cost[:, count:] = (UNWANTED - likely[:, -1])[:, None]
     _, columns, _ = lap.lapjv(cost[order], extend_cost=True)
     chosen = np.asarray(columns)[: len(order)]
     choices[order] = np.where(chosen < count, chosen, NO_TARGET)

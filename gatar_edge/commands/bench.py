@@ -9,6 +9,8 @@ import click
 BENCHES = {
     "sim": "how much faster than real time the fleet simulator flies",
     "faults": "mission uploads through bad links: what ended how",
+    "missions": "whole missions over bad links and with deaths",
+    "fuzz": "random and mutated bytes into every parser",
     "daemon": "memory, load and start of one daemon",
     "policy": "features, network, decoder and the whole tick",
     "dataset": "labelled robot-samples per CPU-second",

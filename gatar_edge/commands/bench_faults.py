@@ -54,18 +54,19 @@ class Upload:
         self._link = FaultyLink(faults, faults, seed, stack)
         self.now_ns = 0
 
-    def run(self, items: Items) -> Trial:
-        """Upload, wait for the end, and then for everything that is still under way."""
-        self.client.upload(items, self.now_ns)
-        while self.client.result is None and self.now_ns < HANG_NS:
+    def run(self, items: Items, settle_ns: int = 0) -> Trial:
+        """Upload, wait for the end, and then for `settle_ns` for what is still under way and what it re-opens."""
+        began_ns = self.now_ns
+        self.client.upload(items, began_ns)
+        while self.client.result is None and self.now_ns < began_ns + HANG_NS:
             self._step()
         result, ended_ns = self.client.result, self.now_ns
         different = self._lied(items)
-        while result is not None and (self.now_ns < ended_ns + SETTLE_NS or self.client.result is None):
+        while result is not None and (self.now_ns < ended_ns + settle_ns or self.client.result is None):
             self._step()
-            if self.now_ns > ended_ns + SETTLE_NS + HANG_NS:
+            if self.now_ns > ended_ns + settle_ns + HANG_NS:
                 result = None
-        return Trial(result, ended_ns / 1e9, different or self._lied(items))
+        return Trial(result, (ended_ns - began_ns) / 1e9, different or self._lied(items))
 
     def _lied(self, items: Items) -> bool:
         """Whether the client says that the mission is on board, and it is not."""
@@ -93,13 +94,19 @@ class Upload:
 
 
 def trials(stack: str, seeds: int, faults: LinkFaults) -> Iterator[Trial]:
-    """One upload a seed."""
-    from gatar_edge.bridge.mission_items import build
-
+    """Two uploads a seed, the second at once after the first, while packets of that are still under way."""
     for seed in range(1, seeds + 1):
         upload = Upload(stack, seed, faults)
-        points = tuple((-35.36 + (seed % 97 + n) * 1e-4, 149.16 + n * 2e-4) for n in range(ITEMS))
-        yield upload.run(build(upload.profile, points, 0.0))
+        yield upload.run(waypoints(upload, seed))
+        yield upload.run(waypoints(upload, seed + 1), SETTLE_NS)
+
+
+def waypoints(upload: Upload, number: int) -> Items:
+    """A mission like no other of its neighbours in number."""
+    from gatar_edge.bridge.mission_items import build
+
+    points = tuple((-35.36 + (number % 97 + n) * 1e-4, 149.16 + n * 2e-4) for n in range(ITEMS))
+    return build(upload.profile, points, 0.0)
 
 
 def summary(done: list[Trial]) -> dict[str, Any]:
@@ -118,7 +125,7 @@ def summary(done: list[Trial]) -> dict[str, Any]:
 
 
 @click.command("faults")
-@click.option("--seeds", type=click.IntRange(1, 100_000), default=200, show_default=True, help="Uploads per dialect.")
+@click.option("--seeds", type=click.IntRange(1, 100_000), default=200, show_default=True, help="Two uploads each.")
 @click.option("--loss", type=click.FloatRange(0, 0.9), default=0.3, show_default=True)
 @click.option("--duplicates", type=click.FloatRange(0, 1), default=0.1, show_default=True)
 @click.option("--reorder", type=click.FloatRange(0, 1), default=1.0, show_default=True, help="Share that may overtake.")
@@ -126,6 +133,8 @@ def summary(done: list[Trial]) -> dict[str, Any]:
 @click.option("--json", "as_json", is_flag=True, help="Print for machines.")
 def command(seeds: int, loss: float, duplicates: float, reorder: float, delay_ms: int, as_json: bool) -> None:
     """Upload missions of 12 items through a bad link to each simulated dialect, and count how they end.
+
+    A second mission follows each at once, while packets of the first are still under way.
 
     No upload may hang, and none may be called accepted while something else is on board: exit code 1 if one is.
 

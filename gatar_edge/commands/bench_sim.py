@@ -24,7 +24,7 @@ def command(team: str, seed: int, allocator: str, stack: str, missions: int, as_
     Example:
       gatar bench sim --team 6A6G --json
     """
-    from gatar_edge.commands.sim import fleet_config, open_fleet
+    from gatar_edge.commands._sim import fleet_config, open_fleet
     from gatar_edge.sim_sitl.fleet import lock_step
 
     flown_s = used_s = 0.0

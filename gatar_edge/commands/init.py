@@ -69,8 +69,11 @@ listen = {perception}  # or "unix:/run/gatar/perception.sock"; format: docs/obse
 # deadline_ms = 100.0      # for the model; then greedy decides
 
 [log]
-folder = "logs"            # one file a run and hour; "" for none
-# rotate_min = 60.0
+folder = "logs"            # "" for none
+# rotate_min = 60.0        # begin another file after this long
+# rotate_mb = 64.0         # or when it is this large
+# keep_mb = 2000.0         # of this robot in all: the oldest files are deleted
+# keep_files = 500
 
 [state]
 file = "state-{id}.bin"       # belief, task and message sequence: a restarted daemon goes on where it was

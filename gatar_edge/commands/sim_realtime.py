@@ -48,7 +48,7 @@ def _with_minds(
     config: FleetConfig, allocator: str, log_path: Path | None, vehicles: UdpSocket, speed_factor: float, quiet: bool
 ) -> Result:
     """Everything in this process; ground stations may look on and interfere."""
-    from gatar_edge.commands.sim import open_fleet
+    from gatar_edge.commands._sim import open_fleet
     from gatar_edge.sim_sitl.realtime import Gateway
 
     with open_fleet(config, allocator, log_path, Gateway(vehicles)) as fleet:
@@ -85,7 +85,7 @@ def _with_daemons(
 
 def _run(fleet: Fleet | Yard, speed_factor: float, quiet: bool) -> None:
     """Until the mission is over or the user has seen enough: Ctrl-C is a good end."""
-    from gatar_edge.commands.sim import progress
+    from gatar_edge.commands._sim import progress
     from gatar_edge.sim_sitl.realtime import paced
 
     with progress(fleet, quiet) as update, contextlib.suppress(KeyboardInterrupt):

@@ -12,7 +12,7 @@ const SPEEDS = [0.25, 0.5, 1, 2, 4, 8, 16, 30, 60, 120];
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
 
 const state = { t: 0, playing: false, speed: 1, follow: 0, view: "belief", theme: "light", colors: {}, dirty: true };
-let runs = [], maps = [], lanes = null, charts = [], decisions = null, shownEvent, lastFrame = 0;
+let runs = [], maps = [], lanes = [], charts = [], decisions = null, shownEvent, lastFrame = 0;
 
 export async function start() {
   try {
@@ -33,13 +33,15 @@ export async function start() {
 function build() {
   const run = runs[0];
   setTheme(load("theme") ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
+  document.body.dataset.runs = runs.length;
   texts();
   $("maps").innerHTML = runs.map((r, i) => `<figure class="map"><div class="frame"></div><figcaption><strong>${runs.length > 1 ? `${"AB"[i]}: ${esc(headline(r).title)}` : ""}</strong>${i ? "" : LEGEND.map(([name, svg]) => `<span class="key">${svg}${name}</span>`).join("")}</figcaption></figure>`).join("");
   const options = { resized, still: () => calm.matches, time: () => state.t, pick: (id) => follow(id ?? 0) };
   maps = [...document.querySelectorAll(".map .frame")].map((frame, i) => new MapView(runs[i], frame, options));
   robotRows(run, $("robots"), (id) => follow(state.follow === id ? 0 : id));
+  room(); addEventListener("resize", room);
   $("lanes-legend").innerHTML = '<span class="key"><svg viewBox="0 0 16 16"><rect y="3" width="16" height="10" rx="3" fill="var(--muted)"/></svg>to a target</span><span class="key"><svg viewBox="0 0 16 16"><rect y="5" width="16" height="6" rx="3" fill="var(--muted)" opacity=".35"/></svg>exploring</span><span class="key"><svg viewBox="0 0 16 16"><circle cx="8" cy="8" r="5" fill="var(--done)"/></svg>localized a target</span><span class="key"><svg viewBox="0 0 16 16"><circle cx="8" cy="8" r="3" fill="var(--target)"/></svg>gave one up</span>';
-  lanes = new Lanes(run, $("lanes"), { resized, seek, pick: follow });
+  lanes = runs.map((r, i) => new Lanes(r, lanesBox(i), { resized, seek, pick: follow }));
   charts = CHARTS.map((chart) => new Chart(chart, runs, $("charts"), seek));
   decisions = new Decisions(run, $("decisions"), { choose: (event) => { pause(); follow(event.id); seek(event.t); } });
   views(); transport(); keys();
@@ -51,6 +53,20 @@ function build() {
   if (document.body.dataset.live) seek(run.duration);
   addEventListener("hashchange", () => { const to = hash(); if (to.robot !== undefined) follow(to.robot); if (to.t !== undefined) { pause(); seek(to.t * 1000); } });
   requestAnimationFrame(frame);
+}
+
+// What the page leaves to a map that is to be seen as a whole above the player.
+function room() {
+  const height = (part) => document.querySelector(part).offsetHeight;
+  for (const _ of "12") { // twice: how the legend wraps depends on the map's width
+    const around = $("stage").getBoundingClientRect().top + scrollY + height(".map figcaption") + height(".transport");
+    document.documentElement.style.setProperty("--room", `${Math.max(320, Math.round(innerHeight - around - 14))}px`);
+  }
+}
+
+function lanesBox(index) {
+  if (runs.length > 1) $("lanes").insertAdjacentHTML("beforeend", `<h3>${"AB"[index]}: ${esc(runs[index].run.allocator)}</h3>`);
+  return $("lanes").appendChild(Object.assign(document.createElement("div"), { className: "lane-box" }));
 }
 
 function texts() {
@@ -166,7 +182,7 @@ function frame(now) {
 function draw() {
   const run = runs[0], { t } = state;
   for (const [i, map] of maps.entries()) map.draw(Math.min(t, runs[i].duration), state);
-  lanes.draw(t, state);
+  for (const lane of lanes) lane.draw(t, state);
   for (const chart of charts) chart.draw(t);
   scrubMarks($("scrub-marks"), run, t, state.colors);
   drawRobots(run, $("robots"), t, state.follow);
@@ -184,7 +200,7 @@ function drawWhy(run, t) {
   const latest = robot ? run.event(robot, t) : run.events[lastAt(run.events, t, (e) => e.t)] ?? null;
   const key = robot ? latest : "team";
   if (!robot) {
-    const recent = run.events.slice(Math.max(0, lastAt(run.events, t, (e) => e.t) - 4), lastAt(run.events, t, (e) => e.t) + 1).reverse();
+    const end = lastAt(run.events, t, (e) => e.t) + 1, recent = run.events.slice(Math.max(0, end - (innerWidth > 980 ? 14 : 5)), end).reverse();
     const html = `<h2>Latest changes</h2><p class="when">Choose a robot to see through its eyes and read why it does what it does.</p><ul class="reasons">${recent.map((e) => `<li class="${KIND[run.byId.get(e.id).kind].toLowerCase()}">${run.label(e.t)}: ${esc(e.head)}</li>`).join("")}</ul>`;
     if (html !== shownEvent) { $("why").innerHTML = html; shownEvent = html; $("why").className = "card why"; }
     return;
@@ -213,7 +229,7 @@ async function refresh() {
     if (fresh.duration === runs[0].duration && fresh.finished === runs[0].finished) return;
     runs[0] = window.gatar.runs[0] = fresh; span();
     for (const map of maps) { map.run = fresh; map.players.clear(); }
-    lanes.run = fresh; lanes.resize();
+    lanes[0].run = fresh; lanes[0].resize();
     $("charts").innerHTML = ""; charts = CHARTS.map((chart) => new Chart(chart, runs, $("charts"), seek));
     if (fresh.robots.length !== $("robots").children.length) robotRows(fresh, $("robots"), (id) => follow(id));
     decisions.run = fresh; decisions.fill();

@@ -51,4 +51,5 @@ class Ghost:
 
     agent: Agent
     allocator: Prompted
+    first_seq: int
     talks: list[bytes] = field(default_factory=list)  # that it composed, and the log has not shown yet

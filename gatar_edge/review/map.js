@@ -2,7 +2,7 @@
 
 import { BeliefPlayer, CELL, KIND, TASK } from "gatar/run";
 
-const MARGIN = 26; // pixels for the axes
+const MARGIN = 10, AXES = 26; // pixels: the axes are on the left and below
 const FOLLOW_CELLS = 31; // a larger world is shown in part when one robot is followed
 
 export class MapView {
@@ -48,13 +48,13 @@ export class MapView {
     }
     const c = this.camera ?? goal, ease = this.options.still() ? 1 : 0.14;
     this.camera = { x: c.x + (goal.x - c.x) * ease, y: c.y + (goal.y - c.y) * ease, cells: c.cells + (goal.cells - c.cells) * ease };
-    const inner = Math.min(this.width, this.height) - 2 * MARGIN;
+    const inner = Math.min(this.width, this.height) - MARGIN - AXES;
     this.cell = inner / this.camera.cells;
     this.moving = Math.abs(goal.cells - this.camera.cells) + Math.hypot(goal.x - this.camera.x, goal.y - this.camera.y) > 0.02;
   }
 
-  px(x) { return this.width / 2 + (x - this.camera.x) * this.cell; }
-  py(y) { return this.height / 2 - (y - this.camera.y) * this.cell; }
+  px(x) { return (this.width + AXES - MARGIN) / 2 + (x - this.camera.x) * this.cell; }
+  py(y) { return (this.height - AXES + MARGIN) / 2 - (y - this.camera.y) * this.cell; }
 
   draw(t, state) {
     const ctx = (this.ctx = this.canvas.getContext("2d"));

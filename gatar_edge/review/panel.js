@@ -48,13 +48,13 @@ export function badges(run) {
 export function tiles(runs) {
   const rows = [
     ["Localized", (r) => `${r.localized}<small>of ${r.reachable}${r.truth === false ? " known" : ""}</small>`, (r) => r.localized / Math.max(1, r.reachable)],
-    ["By step 10 / 20 / 40", (r) => r.localized_by && Object.values(r.localized_by).join("<small>/</small> ")],
+    ["By step 10 / 20 / 40", (r) => r.localized_by && Object.values(r.localized_by).join("<small>/</small>")],
     ["Steps to 90 %", (r) => number(r.steps_90)],
     ["Steps to 100 %", (r) => number(r.steps_100)],
-    ["Distance UAV / UGV", (r) => `${number(Math.round(r.distance_cells.UAV))}<small>/</small> ${number(Math.round(r.distance_cells.UGV))}<small>cells</small>`],
+    ["Distance UAV / UGV", (r) => `${number(Math.round(r.distance_cells.UAV))}<small>/</small>${number(Math.round(r.distance_cells.UGV))}<small>cells</small>`],
     ["Tasks given up", (r) => number(r.retasks)],
-    ["Sent per robot", (r) => `${bytes(r.bytes_per_robot)} in ${number(Math.round(r.messages_per_robot))}</small>`],
-    ["Decision p50 / p99", (r) => `${number(r.decision_p50_us / 1000, 2)}<small>/</small> ${number(r.decision_p99_us / 1000, 2)}<small>ms</small>`],
+    ["Sent per robot", (r) => `${bytes(r.bytes_per_robot)} / ${number(Math.round(r.messages_per_robot))} messages</small>`],
+    ["Decision p50 / p99", (r) => `${number(r.decision_p50_us / 1000, 2)}<small>/</small>${number(r.decision_p99_us / 1000, 2)}<small>ms</small>`],
   ];
   return rows.map(([name, text, part]) => {
     const value = text(runs[0].result), rival = runs[1] && `<span class="rival">B: ${text(runs[1].result) ?? "–"}</span>`;
@@ -64,15 +64,15 @@ export function tiles(runs) {
 }
 
 export function robotRows(run, parent, pick) {
-  parent.innerHTML = run.robots.map((robot) => `<li><button type="button" class="${KIND[robot.kind].toLowerCase()}" data-id="${robot.id}" aria-pressed="false">${glyph(robot.kind)}<span class="who">${KIND[robot.kind]} ${robot.id}</span><span class="doing"></span><span class="hears" title="robots heard directly"></span></button></li>`).join("");
+  parent.innerHTML = run.robots.map((robot) => `<li><button type="button" class="${KIND[robot.kind].toLowerCase()}" data-id="${robot.id}" aria-pressed="false">${glyph(robot.kind)}<span class="who">${KIND[robot.kind]} ${robot.id}</span><span class="doing"><span></span><span class="mode"></span></span><span class="hears" title="robots heard directly"></span></button></li>`).join("");
   parent.addEventListener("click", (event) => { const button = event.target.closest("button"); if (button) pick(+button.dataset.id); });
 }
 
 export function drawRobots(run, parent, t, follow) {
   for (const button of parent.querySelectorAll("button")) {
     const robot = run.byId.get(+button.dataset.id), vehicle = run.vehicle(robot, t), heard = run.heard(robot, t).length;
-    const doing = taskText(run.task(robot, t)) + (vehicle?.[1] ? ` · ${vehicle[1]}` : "");
-    put(button.querySelector(".doing"), doing);
+    put(button.querySelector(".doing").firstChild, taskText(run.task(robot, t)));
+    put(button.querySelector(".mode"), vehicle?.[1] ? ` · ${vehicle[1]}` : "");
     put(button.querySelector(".hears"), `hears ${heard}`);
     const pressed = String(follow === robot.id);
     if (button.getAttribute("aria-pressed") !== pressed) button.setAttribute("aria-pressed", pressed);

@@ -14,7 +14,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import msgspec
-import numpy as np
 
 from gatar_edge import channels as ch
 from gatar_edge.agent import Agent, Identity
@@ -24,14 +23,14 @@ from gatar_edge.errors import DeadlineError, LogError
 from gatar_edge.keys import DEMO_KEY
 from gatar_edge.message import MAC_BYTES, with_hops
 from gatar_edge.persist import restore
-from gatar_edge.record_items import EFFECTIVE, saved_state
+from gatar_edge.record_items import EFFECTIVE, memory_of, observation_of, saved_state
 from gatar_edge.review.difference import described, difference, differences, goal_differences
 from gatar_edge.review.explain import Json
 from gatar_edge.review.ghosts import Ghost, Prompted, PromptedNegotiator
 from gatar_edge.review.reader import Entry, LogReader, decoder, json_object
 from gatar_edge.talk import signed_anew
 from gatar_edge.tasks import Task
-from gatar_edge.types import Cells, Observation, Reason, RobotKind, TaskKind
+from gatar_edge.types import Reason, RobotKind, TaskKind
 
 _INDEX = re.compile(r"\[\d+\]")
 MAX_LISTED = 50
@@ -122,7 +121,9 @@ class Replay:
     def _on_run_info(self, entry: Entry) -> None:
         info = json_object(entry.data)
         for robot in info.get("robots", ()):
-            if robot["robot_id"] not in self.ghosts:
+            known = self.ghosts.get(robot["robot_id"])
+            # the daemon started anew: what it had heard before is forgotten
+            if known is None or known.first_seq != robot.get("first_seq", 1):
                 self.ghosts[robot["robot_id"]] = self._ghost(info, robot)
 
     def _ghost(self, info: Json, robot: Json) -> Ghost:
@@ -133,7 +134,8 @@ class Replay:
             allocator = PromptedNegotiator(inner) if isinstance(inner, Negotiator) else Prompted(inner)
         except (KeyError, ValueError, msgspec.ValidationError) as error:
             raise LogError(f"the log's run info cannot be used: {error}") from error
-        return Ghost(Agent(identity, config, allocator, self._key, robot.get("first_seq", 1)), allocator)
+        first_seq = robot.get("first_seq", 1)
+        return Ghost(Agent(identity, config, allocator, self._key, first_seq), allocator, first_seq)
 
     def _robot(self, entry: Entry) -> Ghost:
         ghost = self.ghosts.get(entry.robot_id)
@@ -144,21 +146,14 @@ class Replay:
 
     def _on_state(self, entry: Entry) -> None:
         agent = self._robot(entry).agent
-        restore(agent, saved_state(_state(entry.data), agent.config))
+        record: ch.AgentStateRecord = _state(entry.data)
+        restore(agent, saved_state(record, agent.config))
+        if record.memory is not None:
+            agent.recall(memory_of(record.memory))
 
     def _on_observation(self, entry: Entry) -> None:
         record: ch.ObservationRecord = _observation(entry.data)
-        self._robot(entry).agent.observe(
-            Observation(
-                robot_id=record.robot_id,
-                kind=RobotKind(record.kind),
-                cell=record.cell,
-                seen=_cells(record.seen),
-                obstacles=_cells(record.obstacles),
-                targets=_cells(record.targets),
-                t_ns=record.t_ns,
-            )
-        )
+        self._robot(entry).agent.observe(observation_of(record))
 
     def _on_radio(self, entry: Entry) -> None:
         ghost = self._robot(entry)
@@ -264,7 +259,3 @@ def _datagram(item: ch.RadioItem) -> bytes:
         return base64.b64decode(item.data, validate=True)
     except (binascii.Error, ValueError) as error:
         raise LogError(f"a recorded datagram is damaged: {error}") from error
-
-
-def _cells(flat: list[int]) -> Cells:
-    return np.array(flat, dtype=np.int16).reshape(-1, 2)

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from gatar_edge.allocators.greedy import Greedy
+from gatar_edge.commands._sim import fleet_config
 from gatar_edge.commands.init import configuration, make_key
-from gatar_edge.commands.sim import fleet_config
 from gatar_edge.review.reader import LogReader
 from gatar_edge.review.replay import Replay
 from gatar_edge.sim_sitl.fleet import FleetConfig

@@ -14,7 +14,8 @@ from click.testing import CliRunner
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gatar_edge.allocators.registry import make
-from gatar_edge.commands.sim import command, fleet_config
+from gatar_edge.commands._sim import fleet_config
+from gatar_edge.commands.sim import command
 from gatar_edge.errors import ConfigError, LogError
 from gatar_edge.sim_sitl.faults import Faults, LinkFaults
 from gatar_edge.sim_sitl.fleet import Fleet, FleetConfig, lock_step

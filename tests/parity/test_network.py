@@ -82,7 +82,7 @@ def test_another_order_of_neighbours_gives_the_same_assignment(network, seed):
     np.testing.assert_allclose(mixed[0], plain[0][order], atol=1e-5)
 
     def chosen(scores, ids, valid):
-        return decode(scores, valid > 0, np.argsort(ids), np.ones(len(ids), dtype=np.bool_))
+        return decode(scores, valid > 0, np.argsort(ids))
 
     one = chosen(plain[0], arrays.ids, features_of(arrays)["valid"])
     other = chosen(mixed[0], shuffled.ids, features_of(shuffled)["valid"])

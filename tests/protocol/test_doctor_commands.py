@@ -1,4 +1,4 @@
-"""`gatar doctor` and `gatar bridge` over loopback sockets; the vehicles' time passes only as the commands look at it."""
+"""`gatar doctor` and `gatar bridge` over loopback sockets; the vehicles' time passes as the commands look at it."""
 
 from __future__ import annotations
 

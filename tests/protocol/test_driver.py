@@ -292,6 +292,15 @@ def test_without_an_origin_nothing_is_armed_and_no_target_leaves(stack: str) -> 
     assert flight.driver.status is Status.ARRIVED
 
 
+def test_the_gate_asks_for_the_origin_by_itself() -> None:
+    flight = Flight("ardupilot-copter").launched()
+    assert flight.driver._vehicle is not None
+    flight.driver._vehicle.seen.origin = None
+    flight.vehicle.has_origin = False
+    flight.go(Goto((9, 8)), 3)
+    assert flight.pursued == Hold("refused: the estimator's origin is not known")
+
+
 def test_a_goal_that_a_neighbor_stands_on_is_refused_until_it_is_free() -> None:
     flight = Flight("ardupilot-rover", min_separation_m=5.0).launched()
     flight.driver.neighbors((((25.0, 75.0), 0.0),))

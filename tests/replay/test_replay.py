@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from builders import observation
+from click.testing import CliRunner
 from missions import record_mission
 
 from gatar_edge import channels as ch
@@ -14,6 +15,7 @@ from gatar_edge.agent import Agent, Identity
 from gatar_edge.allocators.base import Allocation
 from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.allocators.registry import NAMES, make
+from gatar_edge.commands.sim import command as sim
 from gatar_edge.config import AgentConfig
 from gatar_edge.errors import DeadlineError, LogError
 from gatar_edge.keys import DEMO_KEY
@@ -180,3 +182,17 @@ def test_a_log_without_run_info_cannot_be_replayed(tmp_path: Path) -> None:
     recorder.close()
     with pytest.raises(LogError, match="does not say what flew"):
         replay(tmp_path / "a.mcap")
+
+
+def test_a_mission_with_a_clock_that_jumps_decides_the_same_again(tmp_path: Path) -> None:
+    faults = tmp_path / "faults.toml"
+    skew = '[[event]]\nat_s = 1\nrobot = 2\ndo = "clock_skew"\noffset_s = 0.4\nfor_s = 9\n'
+    faults.write_text(f"[radio]\nloss = 0.2\n{skew}")
+    path = tmp_path / "skewed.mcap"
+    options = ["--team", "1A1G", "--targets", "6", "--size", "9", "--allocator", "greedy", "--json"]
+    flown = CliRunner().invoke(sim, [*options, "--faults", str(faults), "--log", str(path)])
+    assert flown.exit_code == 0, flown.output
+    replayed = Replay(lambda name: make(name)()).run(LogReader(path))
+    assert replayed.differences == []
+    assert replayed.same
+    assert replayed.heard > 10

@@ -18,14 +18,15 @@ BAD = LinkFaults(loss=0.3, duplicate=0.1, reorder=1.0, delay_max_ns=400_000_000)
 @pytest.mark.parametrize("stack", STACKS)
 def test_uploads_through_a_bad_link_end_and_are_what_they_are_said_to_be(stack: str) -> None:
     done = list(trials(stack, 15, BAD))
-    assert [trial.result is None or trial.different for trial in done] == [False] * 15
-    assert sum(trial.result.ok for trial in done if trial.result is not None) >= 14
+    assert [trial.result is None or trial.different for trial in done] == [False] * 30
+    assert sum(trial.result.ok for trial in done if trial.result is not None) >= 28
 
 
 @pytest.mark.parametrize("stack", STACKS)
 def test_a_perfect_link_takes_less_than_a_second(stack: str) -> None:
-    (trial,) = trials(stack, 1, LinkFaults())
-    assert trial.simulated_s < 1.0
+    first, second = trials(stack, 1, LinkFaults())
+    assert first.simulated_s < 1.0
+    assert second.simulated_s < 2.0  # it is downloaded and compared
 
 
 def test_a_mission_that_is_not_what_was_sent_would_be_noticed() -> None:
@@ -39,7 +40,7 @@ def test_the_counts_are_printed_for_machines_and_a_hang_fails(monkeypatch: pytes
     good = CliRunner().invoke(command, ["--seeds", "2", "--json"])
     assert good.exit_code == 0, good.output
     row = json.loads(good.output)["dialects"]["px4"]
-    assert (row["uploads"], row["hangs"], row["accepted_but_different"]) == (2, 0, 0)
+    assert (row["uploads"], row["hangs"], row["accepted_but_different"]) == (4, 0, 0)
     monkeypatch.setattr(bench_faults, "HANG_NS", 1)
     bad = CliRunner().invoke(command, ["--seeds", "1"])
     assert bad.exit_code == 1

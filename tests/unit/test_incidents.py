@@ -7,10 +7,11 @@ from dataclasses import replace
 import pytest
 
 from gatar_edge.allocators.registry import make
-from gatar_edge.commands.sim import fleet_config
+from gatar_edge.commands._sim import fleet_config
 from gatar_edge.errors import ConfigError
 from gatar_edge.sim_sitl.autopilot import AutopilotConfig, SimAutopilot
 from gatar_edge.sim_sitl.faults import Faults
+from gatar_edge.sim_sitl.faulty_link import End
 from gatar_edge.sim_sitl.fleet import Fleet, lock_step
 from gatar_edge.sim_sitl.incident_types import (
     Battery,
@@ -144,6 +145,33 @@ def test_a_vehicle_outlives_its_companion_and_the_others_finish() -> None:
     assert (first.thinks, first.alive) == (False, True)
     assert first.body.autopilot.truth.alt_rel_m > 10  # it holds, as an ArduCopter with default parameters does
     assert fleet.tally.left == 0
+
+
+def test_a_dead_companion_says_nothing_more() -> None:
+    mission = fleet_config(team="2A0G", seed=4, targets=8)
+    fleet = Fleet(replace(mission, faults=Faults(incidents=(KillCompanion(robot=1, at_s=0),))), make("greedy"))
+    said: list[int] = []
+    for now_ns in lock_step(fleet):
+        if fleet.robots[0].thinks is False and fleet.robots[0].wire.tap is None:
+            fleet.robots[0].wire.tap = lambda end, data: said.append(len(data) if end is End.COMPANION else 0)
+        if fleet.began_ns is not None and now_ns > fleet.began_ns + 5 * NS_PER_S:
+            break
+    assert sum(said) == 0
+    assert [decision.robot_id for decision in fleet.decisions] == [2]
+
+
+def test_a_skewed_clock_is_that_of_one_companion_alone() -> None:
+    mission = fleet_config(team="2A0G", seed=4, targets=8)
+    skew = ClockSkew(robot=1, at_s=0, offset_s=0.3, for_s=3)
+    fleet = Fleet(replace(mission, faults=Faults(incidents=(skew,))), make("greedy"))
+    ahead: list[int] = []
+    for now_ns in lock_step(fleet):
+        if len(fleet.decisions) == 2:
+            one, other = fleet.decisions
+            ahead.append(one.t_ns - other.t_ns)
+        if fleet.began_ns is not None and now_ns > fleet.began_ns + 5 * NS_PER_S:
+            break
+    assert (ahead[0], ahead[-1]) == (300_000_000, 0)
 
 
 def test_a_skewed_clock_costs_no_target() -> None:

@@ -119,27 +119,27 @@ def test_scores_are_probabilities_over_candidates_and_no_target(policy):
     assert output.attention.sum() == pytest.approx(1, abs=1e-5)
 
 
-def decoded(scores, possible=None, explores=True):
+def decoded(scores, possible=None):
     scores = np.array(scores, dtype=np.float32)
     shape = (scores.shape[0], scores.shape[1] - 1)
     mask = np.ones(shape, dtype=np.bool_) if possible is None else np.array(possible)
-    return decode(scores, mask, np.arange(shape[0]), np.full(shape[0], explores)).tolist()
+    return decode(scores, mask, np.arange(shape[0])).tolist()
 
 
 def test_two_robots_never_get_one_target():
     assert decoded([[0.6, 0.35, 0.05], [0.9, 0.05, 0.05]]) == [1, 0]
 
 
-def test_a_robot_may_get_nothing_where_that_is_likelier():
+def test_of_more_robots_than_targets_the_likeliest_gets_it():
     assert decoded([[0.1, 0.9], [0.8, 0.2]]) == [NO_TARGET, 0]
 
 
-def test_with_nothing_left_to_explore_a_robot_takes_a_free_target():
-    assert decoded([[0.01, 0.99]], explores=False) == [0]
+def test_a_robot_takes_a_free_target_however_unlikely():
+    assert decoded([[0.01, 0.99]]) == [0]
 
 
 def test_an_unreachable_target_is_never_given():
-    assert decoded([[0.99, 0.01]], possible=[[False]], explores=False) == [NO_TARGET]
+    assert decoded([[0.99, 0.01]], possible=[[False]]) == [NO_TARGET]
 
 
 def test_without_candidates_everybody_gets_nothing():

@@ -90,3 +90,10 @@ def test_a_file_that_is_missing_or_not_text_is_a_config_error(tmp_path: Path) ->
     for name in ("absent.toml", "binary.toml", "."):
         with pytest.raises(ConfigError, match=r"\S"):
             read_config(tmp_path / name)
+
+
+def test_a_ground_robot_cannot_be_sent_home_straight_through_obstacles() -> None:
+    text = SMALLEST.replace("[vehicle]", "[vehicle]\non_stop = 'return'")
+    with pytest.raises(ConfigError, match="is for UAVs"):
+        parse_config(text)
+    assert parse_config(text.replace("UGV", "UAV")).vehicle.on_stop == "return"
