@@ -17,13 +17,13 @@ from gatar_edge.bridge.codec import Codec, strip_signature
 from gatar_edge.bridge.geo import Point, inside_grid, is_rest, wgs84_to_grid_m
 from gatar_edge.bridge.heartbeat import Heart
 from gatar_edge.bridge.launch import Phase
-from gatar_edge.bridge.memory import NOTHING, DriverMemory
 from gatar_edge.bridge.profiles import Unsupported, choose
 from gatar_edge.bridge.safety import GOAL_REFUSALS, Known, Neighbor, Refusal, gate
 from gatar_edge.bridge.settings import DriverConfig
 from gatar_edge.bridge.signing import TICK_NS, Signing
 from gatar_edge.bridge.status import DriverEvent, EventKind, Status
 from gatar_edge.bridge.vehicle import Vehicle
+from gatar_edge.driver_memory import NOTHING, DriverMemory
 from gatar_edge.types import NS_PER_S, Cell, Hold, Mission, VehicleCommand, VehicleState
 
 MAX_EVENTS = 1000

@@ -8,7 +8,7 @@ from gatar_edge.bridge import wire
 from gatar_edge.bridge.commands import CommandClient
 from gatar_edge.bridge.guided import Guided
 from gatar_edge.bridge.launch import Event, Launch, Phase
-from gatar_edge.bridge.memory import DriverMemory, mission_points, remembered_items
+from gatar_edge.bridge.memory import mission_points, remembered_items
 from gatar_edge.bridge.mission_transfer import MissionClient
 from gatar_edge.bridge.modes import ModeKeeper
 from gatar_edge.bridge.profiles.base import HoldBy, Profile
@@ -18,6 +18,7 @@ from gatar_edge.bridge.settings import DriverConfig
 from gatar_edge.bridge.status import DriverEvent, EventKind, Status
 from gatar_edge.bridge.telemetry import Telemetry
 from gatar_edge.bridge.wire import Address, Command, Message
+from gatar_edge.driver_memory import DriverMemory
 from gatar_edge.types import NS_PER_S, Goto, Hold, Mission, RobotKind
 
 SILENT_NS = 3 * NS_PER_S  # nothing at all

@@ -21,8 +21,8 @@ import msgspec
 import numpy as np
 
 from gatar_edge.agent import Agent
-from gatar_edge.bridge.memory import NOTHING, DriverMemory
 from gatar_edge.config import AgentConfig
+from gatar_edge.driver_memory import NOTHING, DriverMemory
 from gatar_edge.tasks import Task
 from gatar_edge.types import NS_PER_S, ByteGrid, CellState, TaskKind
 

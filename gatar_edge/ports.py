@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from gatar_edge.bridge.memory import DriverMemory
+from gatar_edge.driver_memory import DriverMemory
 from gatar_edge.health import Snapshot
 from gatar_edge.journal import TextLog
 from gatar_edge.persist import SavedState

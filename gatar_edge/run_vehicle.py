@@ -15,9 +15,9 @@ from typing import Protocol
 from gatar_edge.agent import Agent
 from gatar_edge.bridge.driver import VehicleDriver
 from gatar_edge.bridge.link import Link, open_link
-from gatar_edge.bridge.memory import NOTHING
 from gatar_edge.daemon import POLL_NS, STOP_NS, Daemon, Settings
 from gatar_edge.deadline import ThreadRunner, punctual
+from gatar_edge.driver_memory import NOTHING
 from gatar_edge.foxglove import Level
 from gatar_edge.health import Snapshot
 from gatar_edge.journal import Journal

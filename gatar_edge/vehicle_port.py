@@ -6,9 +6,9 @@ from collections.abc import Callable
 from typing import Literal, Protocol
 
 from gatar_edge.bridge.driver import VehicleDriver
-from gatar_edge.bridge.memory import DriverMemory
 from gatar_edge.bridge.safety import Neighbor
 from gatar_edge.bridge.status import EventKind, Status
+from gatar_edge.driver_memory import DriverMemory
 from gatar_edge.journal import Journal
 from gatar_edge.types import VehicleCommand, VehicleState
 

@@ -10,8 +10,8 @@ import msgspec
 import pytest
 from flight import Flight
 
-from gatar_edge.bridge.memory import DriverMemory
 from gatar_edge.bridge.status import Status
+from gatar_edge.driver_memory import DriverMemory
 from gatar_edge.sim_sitl.body import StackName
 from gatar_edge.types import NS_PER_S, CellState, TaskKind
 

@@ -9,9 +9,9 @@ from typing import Any
 from gatar_edge.agent import Agent, Identity
 from gatar_edge.allocators.base import Allocator
 from gatar_edge.allocators.greedy import Greedy
-from gatar_edge.bridge.memory import DriverMemory
 from gatar_edge.config import AgentConfig
 from gatar_edge.daemon import Daemon, Settings
+from gatar_edge.driver_memory import DriverMemory
 from gatar_edge.health import Snapshot
 from gatar_edge.keys import DEMO_KEY
 from gatar_edge.perception import Perception

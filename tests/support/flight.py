@@ -12,10 +12,10 @@ from gatar_edge.agent import Agent, Identity
 from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.bridge.driver import VehicleDriver
 from gatar_edge.bridge.geo import cell_to_wgs84, deg_e7
-from gatar_edge.bridge.memory import NOTHING
 from gatar_edge.bridge.settings import DriverConfig
 from gatar_edge.bridge.signing import Signing, timestamp_of
 from gatar_edge.daemon import Daemon, Settings
+from gatar_edge.driver_memory import NOTHING
 from gatar_edge.health import Snapshot
 from gatar_edge.journal import Journal
 from gatar_edge.keys import DEMO_KEY

@@ -12,9 +12,9 @@ from click.testing import CliRunner
 
 from gatar_edge.agent import Agent, Identity
 from gatar_edge.allocators.greedy import Greedy
-from gatar_edge.bridge.memory import DriverMemory
 from gatar_edge.bridge.signing import timestamp_of
 from gatar_edge.commands.init import command as init
+from gatar_edge.driver_memory import DriverMemory
 from gatar_edge.errors import GatarError, ModelError
 from gatar_edge.persist import encode_state, snapshot, write_atomically
 from gatar_edge.policy import DEFAULT_MODEL
