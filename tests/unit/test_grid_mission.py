@@ -65,7 +65,7 @@ def test_chasing_what_lies_behind_walls_is_counted() -> None:
     assert tally.unreachable == 1
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 @pytest.mark.parametrize("loss", [0.0, 0.3])
 @pytest.mark.parametrize("team", ["1A1G", "3A3G", "6A6G", "0A2G", "2A0G"])
 @pytest.mark.parametrize("rule", RULES)
