@@ -10,7 +10,9 @@ import dataclasses
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
+
+import msgspec
 
 from gatar_edge.agent import Agent, Identity, Inbox
 from gatar_edge.allocators.base import Allocator
@@ -211,6 +213,10 @@ class Fleet:
         self.began_ns = self._next_tick_ns = now_ns
         if self.log is not None:
             self.log.truth_map(self.config.world.obstacles, self.config.world.targets, now_ns)
+            faults = self.config.faults
+            for link in ("radio", "to_vehicle", "to_companion"):
+                if not getattr(faults, link).none:
+                    self.log.fault(link, 0, msgspec.to_builtins(getattr(faults, link)), now_ns)
         self._launch_m = {robot.robot_id: robot.body.travelled_m for robot in self.robots}
         self.radio.begin(now_ns)
         for robot in self.robots:
@@ -220,15 +226,16 @@ class Fleet:
         """What the scenario has in store."""
         for turn in self._script.due(elapsed_ns):
             robot = self._by_id[turn.incident.robot]
-            self._warn(robot, turn.text)
+            self._record_fault(robot, turn.text, msgspec.to_builtins(turn.incident) | {"over": turn.over})
             robot.suffer(turn, self.now_ns)
         for robot in self.robots:
             if robot.alive and self.config.faults.killed(robot.robot_id, elapsed_ns):
                 robot.alive = robot.thinks = False
-                self._warn(robot, "killed by the scenario")
+                self._record_fault(robot, "killed by the scenario", {"do": "kill_robot"})
 
-    def _warn(self, robot: Robot, text: str) -> None:
+    def _record_fault(self, robot: Robot, text: str, details: dict[str, Any]) -> None:
         if self.log is not None:
+            self.log.fault(str(details["do"]), robot.robot_id, details, self.now_ns)
             self.log.text(Level.WARNING, robot.robot_id, text, self.now_ns)
 
     def _positions(self) -> dict[int, Cell]:

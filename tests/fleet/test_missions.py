@@ -11,10 +11,11 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from mcap.reader import make_reader
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gatar_edge.allocators.registry import make
-from gatar_edge.commands._sim import fleet_config
+from gatar_edge.commands._sim import fleet_config, open_fleet
 from gatar_edge.commands.sim import command
 from gatar_edge.errors import ConfigError, LogError
 from gatar_edge.sim_sitl.faults import Faults, LinkFaults
@@ -153,3 +154,14 @@ def test_bad_input_is_one_clear_line(arguments: list[str], error: type[Exception
     assert isinstance(done.exception, error)
     assert says in str(done.exception)
     assert "\n" not in str(done.exception)
+
+
+def test_the_log_tells_which_faults_were_injected(tmp_path: Path) -> None:
+    path = tmp_path / "m.mcap"
+    mission = replace(config(team="2A0G", targets=6), faults=Faults(LinkFaults(loss=0.1), kill_ns={1: 2 * NS_PER_S}))
+    with open_fleet(mission, "greedy", path) as fleet:
+        flown(fleet)
+    with path.open("rb") as file:
+        told = [json.loads(message.data) for _, _, message in make_reader(file).iter_messages(topics=["/faults"])]
+    assert [(fault["kind"], fault["robot_id"]) for fault in told] == [("radio", 0), ("kill_robot", 1)]
+    assert told[0]["details"]["loss"] == 0.1
