@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from queue import Full, Queue
@@ -24,6 +24,7 @@ from torch.nn import functional
 
 from gatar_edge.errors import ConfigError
 from gatar_edge.learn.networks import build, settings_of
+from gatar_edge.learn.networks.paper_shape import XyOutputs
 from gatar_edge.learn.views import IGNORED, Batch, Group, batches, load_groups
 
 NEIGHBOUR_WEIGHT = 0.5  # of the rows that are not ego's: they matter when scores are decoded together
@@ -61,12 +62,16 @@ class Progress:
 
 
 def loss_of(outputs: Any, batch: Batch) -> Tensor:
-    """Cross-entropy over the candidates and "no target", of the last round and less of each earlier one."""
+    """The squared error of an x-y network; else cross-entropy over the candidates and "no target", of the last round
+    and less of each earlier one.
+    """
     labels = torch.from_numpy(_usable(batch))
     used = labels >= 0
     weight = torch.full(labels.shape, NEIGHBOUR_WEIGHT)
     weight[:, 0] = 1.0
     weight = weight * used
+    if isinstance(outputs, XyOutputs):
+        return outputs.loss(labels, weight)
     total = weight.sum().clamp(min=1.0)
 
     def cross_entropy(scores: Tensor) -> Tensor:
@@ -86,9 +91,9 @@ def _usable(batch: Batch) -> np.ndarray[Any, np.dtype[np.int64]]:
     return np.where((labels < 0) | (labels == valid.shape[2]) | known, labels, IGNORED)
 
 
-def tensors_of(batch: Batch) -> dict[str, Tensor]:
-    """The batch's inputs for a network."""
-    return {name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in batch.inputs.items()}
+def tensors_of(batch: Batch, names: Iterable[str]) -> dict[str, Tensor]:
+    """Those of the batch's inputs that a network reads."""
+    return {name: torch.from_numpy(np.ascontiguousarray(batch.inputs[name])) for name in names}
 
 
 class Trainer:
@@ -140,7 +145,7 @@ class Trainer:
     def _train(self, batch: Batch, started: float) -> Progress:
         for group in self.optimizer.param_groups:
             group["lr"] = self.options.rate * self._schedule()
-        outputs = self.network(**tensors_of(batch))
+        outputs = self.network(**tensors_of(batch, self.network.inputs))
         loss = loss_of(outputs, batch)
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
