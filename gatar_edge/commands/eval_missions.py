@@ -129,7 +129,8 @@ def table(campaign: Campaign, summary: dict[str, dict[str, Any]]) -> str:
     lines = [
         f"{campaign.missions} missions of {campaign.team}, seeds {campaign.seed}.., {place}",
         f"r_sense {campaign.r_sense:g}, r_comm {campaign.r_comm:g}, loss {campaign.loss:g}, "
-        f"delay {campaign.delay_ticks}, kills {campaign.kills}, tasks {'follow the allocator' if campaign.follow else 'kept'}; 95 % intervals",
+        f"delay {campaign.delay_ticks}, kills {campaign.kills}, tasks "
+        f"{'follow the allocator' if campaign.follow else 'kept'}; 95 % intervals",
         f"{'allocator':<20}{'steps to 100 %':<22}{'to 90 %':<22}{'mean time':<22}{'localized':<11}against greedy",
     ]
     for name, row in summary.items():
