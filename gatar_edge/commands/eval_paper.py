@@ -20,7 +20,7 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 @click.option("--runs", type=FOLDER, help="Trained networks.  [default: runs/paper; runs/paper-quick with --quick]")
 @click.option("--data", type=FOLDER, help="Data set to train on.  [default: made under --runs]")
 @click.option("--maps", type=click.Path(path_type=Path, file_okay=False, exists=True), help="Folder of *.map files.")
-@click.option("--minutes-per-network", "minutes", type=click.FloatRange(0, min_open=True), help="[default: 6]")
+@click.option("--minutes-per-network", "minutes", type=click.FloatRange(0, min_open=True), help="[default: 5]")
 @click.option("--steps", type=click.IntRange(1), help="Training of each network in place of minutes; repeatable.")
 @click.option("--missions", type=click.IntRange(1, 100_000), help="Of each allocator and team.  [default: 100]")
 @click.option("--quick", is_flag=True, help="Everything small, in under three minutes: the numbers mean nothing.")
@@ -65,10 +65,9 @@ def _told(
     quick: bool,
 ) -> str:  # fmt: skip
     """The command as the page shows it: what decides the numbers, without paths of this machine."""
-    options = [f"--out {out.name}"]
+    places = (("--out", out), ("--data", data), ("--maps", maps))
+    options = [f"{name} {path.name if path.is_absolute() else path}" for name, path in places if path]
     options += ["--quick"] * quick
-    options += [f"--data {data.name}"] if data else []
-    options += [f"--maps {maps.name}"] if maps else []
     options += [f"--minutes-per-network {minutes:g}"] if minutes else []
     options += [f"--steps {steps}"] if steps else []
     options += [f"--missions {missions}"] if missions else []

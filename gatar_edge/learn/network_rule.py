@@ -12,27 +12,29 @@ from gatar_edge.grid import UNREACHABLE
 from gatar_edge.learn.evaluate import BatchRule
 from gatar_edge.learn.train import tensors_of
 from gatar_edge.learn.views import Batch
+from gatar_edge.types import Floats
 
 
 def network_rule(network: nn.Module) -> BatchRule:
     """Decide with `network`, in evaluation mode."""
+    inputs: tuple[str, ...] = network.inputs  # type: ignore[assignment]
 
     def decide(batch: Batch) -> list[Allocation]:
         with torch.inference_mode():
-            outputs = network(**tensors_of(batch, network.inputs))  # type: ignore[arg-type]
+            outputs = network(**tensors_of(batch, inputs))
             scores, places = outputs.scores.softmax(dim=-1).numpy(), outputs.xy.numpy()
         return [_allocation(batch, index, scores[index], places[index]) for index in range(len(batch.chosen))]
 
     return decide
 
 
-def _allocation(batch: Batch, index: int, scores: np.ndarray, xy: np.ndarray) -> Allocation:  # type: ignore[type-arg]
+def _allocation(batch: Batch, index: int, scores: Floats, xy: Floats) -> Allocation:
     view = batch.view
     rows, listed = np.flatnonzero(view.present[index]), np.flatnonzero(view.listed[index])
     targets = view.targets[index, listed]
     lengths = view.distances[index][rows[:, None], targets[:, 0], targets[:, 1]]
     possible = lengths != UNREACHABLE
-    shown = scores[np.ix_(rows, [*listed, -1])]
+    shown = scores[np.ix_(rows, np.append(listed, -1))]
     order = np.argsort(view.ids[index, rows], kind="stable")
     place = view.robots[index, 0] + xy
     return Allocation(

@@ -109,6 +109,7 @@ class Trainer:
         torch.manual_seed(options.seed)
         torch.use_deterministic_algorithms(True)
         self.network: nn.Module = build(options.network, options.settings)
+        self.inputs: tuple[str, ...] = self.network.inputs  # type: ignore[assignment]
         self.optimizer = torch.optim.AdamW(
             self.network.parameters(), lr=options.rate, weight_decay=options.weight_decay
         )
@@ -145,7 +146,7 @@ class Trainer:
     def _train(self, batch: Batch, started: float) -> Progress:
         for group in self.optimizer.param_groups:
             group["lr"] = self.options.rate * self._schedule()
-        outputs = self.network(**tensors_of(batch, self.network.inputs))
+        outputs = self.network(**tensors_of(batch, self.inputs))
         loss = loss_of(outputs, batch)
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]

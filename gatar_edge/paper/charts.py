@@ -28,28 +28,33 @@ STYLES = {
     "random": ("#999999", "+"),
 }
 KIND_STYLES = {RobotKind.UAV: ("#0072B2", "^", "UAV"), RobotKind.UGV: ("#D55E00", "s", "UGV")}
-SIZE_IN = (5.6, 3.6)
+SIZE_IN = (4.2, 3.4)  # of a panel
+LEGEND_IN = 2.2
 
 
-def curves(table: Table, columns: Sequence[tuple[str, str]], x_label: str, path: Path) -> None:
+def curves(
+    table: Table, columns: Sequence[tuple[str, str]], x_label: str, path: Path, without: Sequence[str] = ()
+) -> None:
     """One panel for each (column, label of its axis), one line for each rule of the table's second column.
 
-    Where the table has `steps lo` and `steps hi`, these are drawn round `steps`.
+    Networks are drawn through, rules dashed. Where the table has `steps lo` and `steps hi`, these are round `steps`.
     """
-    figure = Figure(figsize=(SIZE_IN[0] * len(columns), SIZE_IN[1]), layout="constrained")
+    figure = Figure(figsize=(SIZE_IN[0] * len(columns) + LEGEND_IN, SIZE_IN[1]), layout="constrained")
     panels = figure.subplots(1, len(columns), squeeze=False)[0]
     x, names = np.array(table.column(table.columns[0]), dtype=float), table.column(table.columns[1])
+    shown = [name for name in dict.fromkeys(map(str, names)) if name not in without]
     for panel, (column, label) in zip(panels, columns, strict=True):
         y = np.array(table.column(column), dtype=float)
-        for name in dict.fromkeys(str(name) for name in names):
+        for name in shown:
             chosen = np.array([one == name for one in names])
             colour, sign = STYLES[name]
-            panel.plot(x[chosen], y[chosen], color=colour, marker=sign, label=LABELS.get(name, name))
+            line = "-" if name.startswith("gatar") else "--"
+            panel.plot(x[chosen], y[chosen], color=colour, marker=sign, linestyle=line, label=LABELS.get(name, name))
             if f"{column} lo" in table.columns:
                 low, high = (np.array(table.column(f"{column} {end}"), dtype=float)[chosen] for end in ("lo", "hi"))
                 panel.fill_between(x[chosen], low, high, color=colour, alpha=0.12, linewidth=0)
         _finish(panel, x_label, label)
-    panels[0].legend(fontsize="small", frameon=False)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper", fontsize="small", frameon=False)
     _save(figure, path)
 
 
@@ -77,7 +82,7 @@ def ratios(table: Table, path: Path) -> None:
 
 def city(coverage: Coverage, title: str, path: Path) -> None:
     """The map, the ways of all robots, and who localized which target."""
-    figure = Figure(figsize=(6.4, 6.4), layout="constrained")
+    figure = Figure(figsize=(6.4, 7.2), layout="constrained")
     panel = figure.subplots()
     panel.imshow(coverage.world.obstacles.T, origin="lower", cmap="Greys", vmax=2.5, interpolation="nearest")
     for robot_id, track in coverage.tracks.items():
@@ -86,13 +91,14 @@ def city(coverage: Coverage, title: str, path: Path) -> None:
         panel.plot(x, y, color=colour, linewidth=1.0, alpha=0.8)
         panel.scatter(x[:1], y[:1], color=colour, marker=sign, s=36, edgecolors="white", zorder=4)
     for kind, (colour, sign, name) in KIND_STYLES.items():
-        found = np.array(coverage.found(kind), dtype=float).reshape(-1, 2)
-        panel.scatter(*found.T, facecolors="none", edgecolors=colour, marker="o", s=70, linewidths=1.8, zorder=5)
+        x, y = np.array(coverage.found(kind), dtype=float).reshape(-1, 2).T
+        panel.scatter(x, y, facecolors="none", edgecolors=colour, marker="o", s=70, linewidths=1.8, zorder=5)
         panel.scatter([], [], color=colour, marker=sign, label=f"{name}: start and way, rings round its targets")
-    left = np.array([c for c in map(tuple, coverage.world.targets.tolist()) if c not in coverage.found_by], dtype=float)
-    panel.scatter(*left.reshape(-1, 2).T, color="#000000", marker="x", s=28, label="targets not yet localized")
+    left = [cell for cell in map(tuple, coverage.world.targets.tolist()) if cell not in coverage.found_by]
+    x, y = np.array(left, dtype=float).reshape(-1, 2).T
+    panel.scatter(x, y, color="#000000", marker="x", s=28, label="targets not yet localized")
     panel.set_title(title, fontsize="medium")
-    panel.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncol=1, fontsize="small", frameon=False)
+    figure.legend(loc="outside lower center", fontsize="small", frameon=False)
     panel.set_xlabel("x, cells east")
     panel.set_ylabel("y, cells north")
     _save(figure, path)

@@ -37,25 +37,28 @@ class Judged:
 
 def judge(runs: Runs, scale: Scale, progress: Progress) -> Judged:
     """Judge finished runs by name, and the rules, on worlds that no run has seen."""
-    scores = _scores(runs, Conditions("6A6G", scale.samples, SEED), progress)
+    chosen = {name: folder for name, folder in runs.items() if name in CURVES}
     near = [Conditions("6A6G", scale.curve_samples, SEED, r_comm=r_comm) for r_comm in scale.ranges]
     teams = [Conditions(team, scale.curve_samples, SEED) for team in scale.teams]
-    chosen = {name: folder for name, folder in runs.items() if name in CURVES}
+    work = [(runs, Conditions("6A6G", scale.samples, SEED)), *((chosen, one) for one in (*near, *teams))]
+    scores = []
+    for number, (judged, conditions) in enumerate(work):
+        scores.append(_scores(judged, conditions, number / len(work), progress))
     return Judged(
-        _table_2(scores, runs),
-        _table_3(scores),
-        _curve("range", "r_comm", list(scale.ranges), [_scores(chosen, one, progress) for one in near]),
-        _curve("team", "robots", [_size(team) for team in scale.teams], [_scores(chosen, t, progress) for t in teams]),
+        _table_2(scores[0], runs),
+        _table_3(scores[0]),
+        _curve("range", "r_comm", list(scale.ranges), scores[1 : 1 + len(near)]),
+        _curve("team", "robots", [_size(team) for team in scale.teams], scores[1 + len(near) :]),
     )
 
 
-def _scores(runs: Runs, conditions: Conditions, progress: Progress) -> dict[str, Score]:
+def _scores(runs: Runs, conditions: Conditions, done: float, progress: Progress) -> dict[str, Score]:
     rules: dict[str, Allocator] = {
         "gatar-greedy": Gatar(GREEDY_MODEL), "greedy": Greedy(), "nearest": Nearest(), "random": Random(),
     }  # fmt: skip
     networks = {name: network_rule(load_model(folder)[0]) for name, folder in runs.items()}
     what = f"{conditions.team}, r_comm {conditions.r_comm:g}"
-    return evaluate(rules, conditions, lambda share, text: progress(share, f"{what}: {text}"), networks)
+    return evaluate(rules, conditions, lambda share, text: progress(done, f"{what}: {text}"), networks)
 
 
 def _table_2(scores: Mapping[str, Score], runs: Runs) -> Table:
@@ -82,7 +85,7 @@ def _table_3(scores: Mapping[str, Score]) -> Table:
         "Gaussian", "product", "reward", "V-cycle", "run", "x-y median", "x-y mean", "target mean", "target exact",
         "paper median", "paper mean",
     )  # fmt: skip
-    rows = []
+    rows: list[tuple[Value, ...]] = []
     for row in TABLE_3:
         marks = ("yes" if part else "-" for part in (row.gaussian, row.product, row.reward, row.vcycle))
         place, target = scores[f"{row.run}_xy"].every, scores[row.run].every

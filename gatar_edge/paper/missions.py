@@ -19,7 +19,6 @@ SEED = 9000  # of the first mission; the same in `gatar eval missions`
 RULES = ("nearest", "random", "greedy", "hungarian", "routing", "cbba", "central-greedy", "central-hungarian",
          "central-routing")  # fmt: skip
 CURVES = ("gatar-greedy", "gatar-field", "greedy", "hungarian", "routing")
-CURVE_TEAM = "6A6G"
 REFERENCE = "greedy"
 
 
@@ -44,16 +43,18 @@ def fly(
     curved = {name: allocator for name, allocator in named.items() if name in CURVES}
     base = Campaign(seed=SEED, size=scale.size)
     compared = [(team, _with(base, scale.missions, team=team)) for team in scale.mission_teams]
-    loss = [(value, _with(base, scale.curve_missions, team=CURVE_TEAM, loss=value)) for value in scale.losses]
-    delay = [(value, _with(base, scale.curve_missions, team=CURVE_TEAM, delay_ticks=value)) for value in scale.delays]
-    kills = [(value, _with(base, scale.curve_missions, team=CURVE_TEAM, kills=value)) for value in scale.kills]
-    flights = [
+    curve = _with(base, scale.curve_missions, team=scale.curve_team)
+    loss = [(value, msgspec.structs.replace(curve, loss=value)) for value in scale.losses]
+    delay = [(value, msgspec.structs.replace(curve, delay_ticks=value)) for value in scale.delays]
+    kills = [(value, msgspec.structs.replace(curve, kills=value)) for value in scale.kills]
+    wanted = (
         Flight(campaign, allocator, seed)
         for campaigns, allocators in ((compared, named), (loss, curved), (delay, curved), (kills, curved))
         for _, campaign in campaigns
         for seed in campaign.seeds
         for allocator in allocators.values()
-    ]
+    )
+    flights = list(dict.fromkeys(wanted))  # the curves begin with the same missions
     flown = fly_all(flights, workers, results, lambda done: progress(done / len(flights), f"{done} missions"))
     return Flown(
         _table("missions", "team", compared, named, flown),
@@ -63,8 +64,8 @@ def fly(
     )
 
 
-def _with(campaign: Campaign, missions: int, **changes: object) -> Campaign:
-    return msgspec.structs.replace(campaign, missions=missions, **changes)
+def _with(campaign: Campaign, missions: int, team: str) -> Campaign:
+    return msgspec.structs.replace(campaign, missions=missions, team=team)
 
 
 def _table(

@@ -4,20 +4,35 @@ from __future__ import annotations
 
 from gatar_edge.paper.city import AROUND, STEPS, TARGETS, TEAM, WINDOW
 from gatar_edge.paper.distances import Judged
-from gatar_edge.paper.missions import CURVE_TEAM, Flown
-from gatar_edge.paper.plan import LABELS, Scale
+from gatar_edge.paper.missions import Flown
+from gatar_edge.paper.plan import LABELS, TABLE_2, Scale
 from gatar_edge.paper.table import Table
 
 MAPS_FROM = (
     "Any map in the `.map` format of the Moving AI Lab serves: Berlin, London and Paris at 256 x 256 are among the "
     "street maps of N. Sturtevant's *Benchmarks for Grid-Based Pathfinding* (2012), "
-    "<https://movingai.com/benchmarks/street/index.html>, derived from OpenStreetMap."
+    "<https://movingai.com/benchmarks/street/index.html>, derived from OpenStreetMap and given under ODC-By."
 )
+
+
+X_Y_COLUMNS = (
+    "method", "parameters", "views trained on", "x-y p90", "x-y median", "x-y mean", "paper p90", "paper median",
+    "paper mean",
+)  # fmt: skip
+TARGET_COLUMNS = ("method", "target p90", "target median", "target mean", "target exact")
+ABLATION_COLUMNS = (
+    "Gaussian", "product", "reward", "V-cycle", "x-y median", "x-y mean", "target mean", "target exact",
+    "paper median", "paper mean",
+)  # fmt: skip
+MISSION_COLUMNS = (
+    "team", "allocator", "steps", "steps lo", "steps hi", "steps to 90 %", "mean time", "against greedy", "ratio lo",
+    "ratio hi",
+)  # fmt: skip
 
 
 def page(judged: Judged, flown: Flown, covered: Table | None, scale: Scale, command: str) -> str:
     """Markdown; pictures lie beside it."""
-    budget = f"{scale.minutes:g} minutes of one CPU core" if scale.minutes else f"{scale.steps} steps"
+    budget = f"{scale.minutes:g} minutes on one thread" if scale.minutes else f"{scale.steps} steps"
     parts = [
         "# The paper's tables, on our own worlds",
         f"Made by\n\n    {command}\n\nThe paper's numbers are from the authors' data, ours from worlds that no network "
@@ -40,11 +55,8 @@ def _table_2(table: Table, budget: str, scale: Scale) -> list[str]:
         f"{scale.batch} views a step. Cells between the answer and the expert's target. `x-y` is what the paper "
         "measures: the place that the network names (for our network, its score-weighted mean). `target` is where the "
         "robot is sent once one assignment over its graph has been decoded: the metric that counts in flight.",
-        table.markdown(
-            "method", "parameters", "views trained on", "x-y p90", "x-y median", "x-y mean", "paper p90",
-            "paper median", "paper mean",
-        ),  # fmt: skip
-        table.markdown("method", "target p90", "target median", "target mean", "target exact"),
+        table.markdown(*X_Y_COLUMNS),
+        table.markdown(*TARGET_COLUMNS),
         _verdict_2(table),
     ]
 
@@ -54,30 +66,26 @@ def _verdict_2(table: Table) -> str:
     x_y = dict(zip(table.column("name"), table.column("x-y mean"), strict=True))
     greedy = _number(mean["greedy"])
     better = [LABELS[str(name)] for name, value in mean.items() if _number(value) < greedy]
-    paper_shaped = [name for name in ("gatar-paper", "gat", "gnn", "gnn-vcycle", "magat")]
-    order = sorted(paper_shaped, key=lambda name: _number(x_y[name]))
+    order = sorted(TABLE_2[1:], key=lambda name: _number(x_y[name]))
     first = (
         f"Better than greedy on the same shared view: {', '.join(better)}."
         if better
-        else "**Plain greedy on the shared view is better at being greedy than every network here.** It needs no training, "
-        "and whoever wants the expert's targets should run the rule."
+        else "**Plain greedy on the shared view is better at being greedy than every network here.** It needs no "
+        "training, and whoever wants the expert's targets should run the rule."
     )
     return (
         f"{first} Among the networks of the paper's comparison, from the best mean x-y to the worst: "
-        f"{', '.join(f'{LABELS[name]} ({_number(x_y[name]):.2f})' for name in order)}. The nearest known target, without "
-        f"any communication, is {_number(mean['nearest']):.2f} cells off in the mean."
+        f"{', '.join(f'{LABELS[name]} ({_number(x_y[name]):.2f})' for name in order)}. The nearest known target, "
+        f"without any communication, is {_number(mean['nearest']):.2f} cells off in the mean."
     )
 
 
 def _table_3(table: Table) -> list[str]:
     return [
         "## Table 3: ablation of the paper's shape",
-        "The same runs and worlds. Without the Gaussian, the bare target cells are in its place: with no targets at all "
-        "there would be nothing to learn. The row without the V-cycle is the network `gat`.",
-        table.markdown(
-            "Gaussian", "product", "reward", "V-cycle", "x-y median", "x-y mean", "target mean", "target exact",
-            "paper median", "paper mean",
-        ),  # fmt: skip
+        "The same runs and worlds. Without the Gaussian, the bare target cells are in its place: with no targets at "
+        "all there would be nothing to learn. The row without the V-cycle is the network `gat`.",
+        table.markdown(*ABLATION_COLUMNS),
         _verdict_3(table),
     ]
 
@@ -85,14 +93,15 @@ def _table_3(table: Table) -> list[str]:
 def _verdict_3(table: Table) -> str:
     mean = dict(zip(table.column("run"), table.column("x-y mean"), strict=True))
     whole = _number(mean["gatar-paper"])
-    told = []
-    for run, part in (
-        ("without-maps", "all three maps"), ("without-reward", "the reward map"), ("without-product", "the product map"),
-        ("gat", "the V-cycle"),
-    ):  # fmt: skip
-        gain = _number(mean[run]) - whole
-        told.append(f"{part} {'saves' if gain > 0 else 'costs'} {abs(gain):.2f} cells")
-    return f"In the mean x-y, {', '.join(told)}; one run each, so small differences mean nothing."
+    parts = {
+        "without-maps": "the three maps together", "without-reward": "the reward map",
+        "without-product": "the product map", "gat": "the V-cycle",
+    }  # fmt: skip
+    told = [f"{part} {_number(mean[run]) - whole:+.2f}" for run, part in parts.items()]
+    return (
+        f"Cells of mean x-y that are lost without a part: {', '.join(told)}. There is one run of each, so small "
+        "differences, of either sign, mean nothing."
+    )
 
 
 def _curves(judged: Judged, scale: Scale) -> list[str]:
@@ -116,21 +125,18 @@ def _verdict_curve(table: Table, axis: str, what: str) -> str:
         return f"At no {what} is greedy on the shared view nearer to the expert, in the mean, than gatar-greedy."
     return (
         f"Greedy on the shared view is nearer to the expert, in the mean, than gatar-greedy at {axis} "
-        f"{', '.join(f'{value:g}' for value in map(_number, behind))} of {len(values)} points."
+        f"{', '.join(f'{value:g}' for value in map(_number, behind))} ({len(behind)} of {len(values)} points)."
     )
 
 
 def _missions(flown: Flown, scale: Scale) -> list[str]:
     return [
         "## Missions",
-        f"{scale.missions} missions a team and allocator on the same worlds, ideal vehicles, tasks kept until they end; "
-        "95 % intervals by bootstrap over missions, ratios paired by mission. `central-` rules hear every robot at any "
-        "distance: bounds, not rivals.",
+        f"{scale.missions} missions a team and allocator on the same worlds, ideal vehicles, tasks kept until they "
+        "end; 95 % intervals by bootstrap over missions, ratios paired by mission. `central-` rules hear every robot "
+        "at any distance: bounds, not rivals.",
         "![Steps against greedy](missions.svg)",
-        flown.comparison.markdown(
-            "team", "allocator", "steps", "steps lo", "steps hi", "steps to 90 %", "mean time", "against greedy",
-            "ratio lo", "ratio hi",
-        ),  # fmt: skip
+        flown.comparison.markdown(*MISSION_COLUMNS),
         *(_verdict_missions(flown.comparison, team) for team in scale.mission_teams),
     ]
 
@@ -150,8 +156,8 @@ def _verdict_missions(table: Table, team: str) -> str:
 def _weather(flown: Flown, scale: Scale) -> list[str]:
     return [
         "## Lost messages, late messages, killed robots",
-        f"{scale.curve_missions} missions of {CURVE_TEAM} a point. Killed robots fall silent and stand still in the "
-        "first steps, the same ones for every allocator.",
+        f"{scale.curve_missions} missions of {scale.curve_team} a point. Killed robots fall silent and stand still "
+        "in the first steps, the same ones for every allocator.",
         "![Loss](loss.svg) ![Delay](delay.svg) ![Kills](kills.svg)",
         *(_verdict_weather(table) for table in (flown.loss, flown.delay, flown.kills)),
     ]
@@ -174,12 +180,12 @@ def _city(covered: Table | None, scale: Scale) -> list[str]:
     return [
         title,
         f"{TEAM} with {TARGETS} targets in {WINDOW} x {WINDOW} windows, cut after {STEPS} steps; "
-        f"{scale.city_missions} windows a map. Shares of the reachable targets; obstacles as the share of blocked cells "
-        f"in the {2 * AROUND + 1} x {2 * AROUND + 1} square round a localized target. No network was trained on city "
-        f"maps, and none is part of this repository. {MAPS_FROM}",
+        f"{scale.city_missions} windows a map. Shares of the reachable targets; obstacles as the share of blocked "
+        f"cells in the {2 * AROUND + 1} x {2 * AROUND + 1} square round a localized target. No network was trained on "
+        f"city maps, and none is part of this repository. {MAPS_FROM}",
         covered.markdown(),
         "![Coverage](city.png)",
-        "In the paper, UAVs cover the dense areas and UGVs the open ones; the last columns say whether that is so here.",
+        "In the paper, UAVs cover the dense areas and UGVs the open ones; the last columns say whether that is so.",
     ]
 
 

@@ -91,7 +91,7 @@ class Scale:
     """How much of everything."""
 
     data_samples: int = 1_500_000
-    minutes: float = 6.0  # of training a network; 0: by steps
+    minutes: float = 5.0  # of training a network; 0: by steps
     steps: int = 0
     batch: int = 64
     sizes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # settings by network, on top of the run's
@@ -102,6 +102,7 @@ class Scale:
     missions: int = 100  # of each allocator in the comparison
     mission_teams: tuple[str, ...] = ("1A1G", "3A3G", "6A6G")
     curve_missions: int = 50
+    curve_team: str = "6A6G"
     losses: tuple[float, ...] = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
     delays: tuple[int, ...] = (0, 1, 2, 3)
     kills: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
@@ -114,7 +115,7 @@ QUICK = Scale(
     data_samples=2 * 12 * 1024, minutes=0.0, steps=40, batch=16,
     sizes={
         "gatar": {"width": 16, "heads": 2, "levels": [1, 2, 2, 1], "conv_channels": 2},
-        **{name: SMALL_SHAPE for name in TABLE_2[1:]},
+        **dict.fromkeys(TABLE_2[1:], SMALL_SHAPE),
     },
     samples=150, curve_samples=60, ranges=(0, 6, 10), teams=("1A1G", "6A6G"),
     missions=3, mission_teams=("3A3G",), curve_missions=2, losses=(0.0, 0.5), delays=(0, 3), kills=(0, 2),

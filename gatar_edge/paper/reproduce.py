@@ -19,6 +19,7 @@ from gatar_edge.paper.table import Table
 
 Progress = Callable[[float, str], None]
 PAGE = "paper.md"
+TRAINED_FROM, JUDGED_FROM, FLOWN_FROM, COVERED_FROM = 0.02, 0.5, 0.6, 0.95  # shares of the whole, for the display
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,20 +49,29 @@ def reproduce(places: Places, scale: Scale, workers: int, progress: Progress, co
     """
     files = map_files(places.maps) if places.maps is not None else []
     places.out.mkdir(parents=True, exist_ok=True)
-    data = places.data or make_data(places.runs / "data", scale, workers, progress)
-    folders = {run.name: train(run, data, places.runs / run.name, scale, progress) for run in runs()}
-    judged = judge(folders, scale, progress)
+    data = places.data or make_data(places.runs / "data", scale, workers, _part(progress, 0, TRAINED_FROM))
+    folders = {}
+    for number, run in enumerate(runs()):
+        start, end = (TRAINED_FROM + (JUDGED_FROM - TRAINED_FROM) * n / len(runs()) for n in (number, number + 1))
+        folders[run.name] = train(run, data, places.runs / run.name, scale, _part(progress, start, end))
+    judged = judge(folders, scale, _part(progress, JUDGED_FROM, FLOWN_FROM))
     models = {**shipped_models(), "gatar-paper": f"gatar:{_exported(folders['gatar-paper'])}"}
-    flown = fly(models, scale, workers, places.runs / f"missions-{_digest(models)}.jsonl", progress)
+    known = places.runs / f"missions-{_digest(models)}.jsonl"
+    flown = fly(models, scale, workers, known, _part(progress, FLOWN_FROM, COVERED_FROM))
     covered = None
     if files:
-        best = list(shipped_models().items())[-1:]
-        covered, first = cover_all(files, dict([*best, ("greedy", "greedy")]), scale.city_missions, progress)
+        allocators = dict([*list(shipped_models().items())[-1:], ("greedy", "greedy")])
+        covered, first = cover_all(files, allocators, scale.city_missions, _part(progress, COVERED_FROM, 1))
         charts.city(first, charts.city_title(files[0].stem), places.out / "city.png")
     results = Results(judged, flown, covered)
-    _write(results, places.out)
+    _write(results, scale, places.out)
     (places.out / PAGE).write_text(page(judged, flown, covered, scale, command), encoding="utf-8")
     return results
+
+
+def _part(progress: Progress, start: float, end: float) -> Progress:
+    """The display of one part of the work."""
+    return lambda share, text: progress(start + (end - start) * min(1.0, share), text)
 
 
 def _exported(folder: Path) -> Path:
@@ -80,17 +90,17 @@ def _digest(models: Mapping[str, str]) -> str:
     return digest.hexdigest()[:12]
 
 
-def _write(results: Results, out: Path) -> None:
+def _write(results: Results, scale: Scale, out: Path) -> None:
     judged, flown = results.judged, results.flown
     tables = [judged.table_2, judged.table_3, judged.ranges, judged.teams]
     tables += [flown.comparison, flown.loss, flown.delay, flown.kills, *([results.city] if results.city else [])]
     for table in tables:
         table.write(out)
     distances = (("p90", "p90 distance, cells"), ("median", "median distance, cells"))
-    charts.curves(judged.ranges, distances, "communication range, cells", out / "range.svg")
+    charts.curves(judged.ranges, distances, "communication range, cells", out / "range.svg", ["random"])
     charts.curves(judged.teams, distances[:1], "robots", out / "team.svg")
     charts.ratios(flown.comparison, out / "missions.svg")
     steps = (("steps", "steps to 100 %"),)
     charts.curves(flown.loss, steps, "share of messages lost", out / "loss.svg")
     charts.curves(flown.delay, steps, "delay of every message, steps", out / "delay.svg")
-    charts.curves(flown.kills, steps, "robots killed of twelve", out / "kills.svg")
+    charts.curves(flown.kills, steps, f"robots killed of {scale.curve_team}", out / "kills.svg")

@@ -15,6 +15,7 @@ Progress = Callable[[float, str], None]
 TEAMS = ("6A6G", "6A6G", "3A3G", "6A6G", "1A1G", "6A6G", "2A2G", "4A2G")
 R_COMMS = (6.0, 6.0, 6.0, 6.0, 3.0, 5.0, 8.0, 0.0, 10.0)
 R_SENSES = (4.0, 4.0, 3.0, 5.0)
+WARM_UP = 200  # steps, or a fifth of a short run
 
 
 def make_data(folder: Path, scale: Scale, workers: int, progress: Progress) -> Path:
@@ -33,6 +34,7 @@ def train(run: Run, data: Path, folder: Path, scale: Scale, progress: Progress) 
     """
     options = TrainOptions(
         run.network, str(data), minutes=scale.minutes, steps=scale.steps, batch=scale.batch, threads=1,
+        warm_up=min(WARM_UP, scale.steps // 5) if scale.steps else WARM_UP,
         settings={**run.settings, **scale.sizes.get(run.network, {})},
     )  # fmt: skip
     trainer = Trainer(options, folder)
