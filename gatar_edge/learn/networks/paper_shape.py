@@ -22,6 +22,7 @@ GAUSSIAN = CHANNELS.index("gaussian_target")
 DX = PAIR_FEATURES.index("dx")  # and dy behind it
 NO_TARGET_SCORE = -1e3  # these networks never say "no target": it is worse than any distance, better than impossible
 LIFTED = 2  # maps that carry what was heard into the decoder's CNN
+SOFTNESS_CELLS = 2.0  # so much farther is e times less likely: the decoder still tells 40 cells from 41
 SIDE = WINDOW // 2 + 1  # of the maps behind the first convolution: at full size they cost five times the rest
 
 
@@ -124,7 +125,7 @@ class PaperShaped(nn.Module):
         heard, attention = self.aggregate(told.reshape(views, robots, self.config.width), hops)
         sent = self.decode(own, heard.flatten(0, 1)).reshape(views, robots, 2)
         gap = (sent.unsqueeze(2) - ways).square().sum(dim=-1).sqrt()
-        scores = torch.where(shown, -gap * LENGTH_SCALE_CELLS, HIDDEN_SCORE)
+        scores = torch.where(shown, gap * (-LENGTH_SCALE_CELLS / SOFTNESS_CELLS), HIDDEN_SCORE)
         scores = torch.cat([scores, torch.full_like(scores[..., :1], NO_TARGET_SCORE)], dim=-1)
         return XyOutputs(scores, sent[:, 0] * LENGTH_SCALE_CELLS, attention, (), sent, ways)
 
