@@ -20,8 +20,13 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 @click.option("--runs", type=FOLDER, help="Trained networks.  [default: runs/paper; runs/paper-quick with --quick]")
 @click.option("--data", type=FOLDER, help="Data set to train on.  [default: made under --runs]")
 @click.option("--maps", type=click.Path(path_type=Path, file_okay=False, exists=True), help="Folder of *.map files.")
-@click.option("--minutes-per-network", "minutes", type=click.FloatRange(0, min_open=True), help="[default: 5]")
-@click.option("--steps", type=click.IntRange(1), help="Training of each network in place of minutes; repeatable.")
+@click.option(
+    "--minutes-per-network",
+    "minutes",
+    type=click.FloatRange(0, min_open=True),
+    help="Equal time in place of equal steps.",
+)
+@click.option("--steps", type=click.IntRange(1), help="Of training each network.  [default: 2500]")
 @click.option("--missions", type=click.IntRange(1, 100_000), help="Of each allocator and team.  [default: 100]")
 @click.option("--quick", is_flag=True, help="Everything small, in under three minutes: the numbers mean nothing.")
 @click.option("--workers", type=click.IntRange(1, 256), default=1, show_default=True, help="Processes of missions.")

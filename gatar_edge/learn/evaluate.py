@@ -24,7 +24,7 @@ from gatar_edge.view import View
 
 TEST_SEEDS = VALIDATION_SEEDS  # seeds below are for tests
 SAMPLES_PER_WORLD = 20  # of about 90: samples of one world are alike
-CHUNK = 256  # views built together
+CHUNK = 64  # views built together
 
 
 @dataclass(frozen=True, slots=True)

@@ -91,12 +91,12 @@ class Scale:
     """How much of everything."""
 
     data_samples: int = 1_500_000
-    minutes: float = 5.0  # of training a network; 0: by steps
-    steps: int = 0
+    minutes: float = 0.0  # of training a network; 0: by steps
+    steps: int = 2500  # of every network, on the same batches: equal data, as the paper's equal epochs
     batch: int = 64
     sizes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # settings by network, on top of the run's
     samples: int = 3000  # labelled robots in the tables
-    curve_samples: int = 1500  # and at each point of a curve
+    curve_samples: int = 1000  # and at each point of a curve
     ranges: tuple[float, ...] = (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10)
     teams: tuple[str, ...] = ("1A1G", "2A2G", "3A3G", "4A4G", "5A5G", "6A6G")
     missions: int = 100  # of each allocator in the comparison
@@ -112,7 +112,7 @@ class Scale:
 
 SMALL_SHAPE = {"width": 32, "conv_channels": 4, "hidden": 16}
 QUICK = Scale(
-    data_samples=2 * 12 * 1024, minutes=0.0, steps=40, batch=16,
+    data_samples=2 * 12 * 1024, steps=40, batch=16,
     sizes={
         "gatar": {"width": 16, "heads": 2, "levels": [1, 2, 2, 1], "conv_channels": 2},
         **dict.fromkeys(TABLE_2[1:], SMALL_SHAPE),

@@ -22,7 +22,7 @@ from gatar_edge.paper.reproduce import PAGE, Places, reproduce
 from gatar_edge.paper.table import Table
 
 SMALLEST = Scale(
-    minutes=0.0, steps=2, batch=4, sizes=TINY_OF, samples=12, curve_samples=6, ranges=(0, 6), teams=("1A1G", "2A2G"),
+    steps=2, batch=4, sizes=TINY_OF, samples=12, curve_samples=6, ranges=(0, 6), teams=("1A1G", "2A2G"),
     missions=2, mission_teams=("1A1G",), curve_missions=1, curve_team="1A1G", losses=(0.0, 0.5), delays=(0, 1),
     kills=(0, 1), city_missions=1, size=8,
 )  # fmt: skip
