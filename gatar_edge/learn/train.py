@@ -62,16 +62,14 @@ class Progress:
 
 
 def loss_of(outputs: Any, batch: Batch) -> Tensor:
-    """The squared error of an x-y network; else cross-entropy over the candidates and "no target", of the last round
-    and less of each earlier one.
-    """
+    """Cross-entropy over the candidates and "no target", of the last round and less of each earlier one."""
     labels = torch.from_numpy(_usable(batch))
     used = labels >= 0
     weight = torch.full(labels.shape, NEIGHBOUR_WEIGHT)
     weight[:, 0] = 1.0
     weight = weight * used
     if isinstance(outputs, XyOutputs):
-        return outputs.loss(labels, weight)
+        return outputs.squared_error(labels, weight)
     total = weight.sum().clamp(min=1.0)
 
     def cross_entropy(scores: Tensor) -> Tensor:
@@ -109,7 +107,6 @@ class Trainer:
         torch.manual_seed(options.seed)
         torch.use_deterministic_algorithms(True)
         self.network: nn.Module = build(options.network, options.settings)
-        self.inputs: tuple[str, ...] = self.network.inputs  # type: ignore[assignment]
         self.optimizer = torch.optim.AdamW(
             self.network.parameters(), lr=options.rate, weight_decay=options.weight_decay
         )
@@ -146,7 +143,8 @@ class Trainer:
     def _train(self, batch: Batch, started: float) -> Progress:
         for group in self.optimizer.param_groups:
             group["lr"] = self.options.rate * self._schedule()
-        outputs = self.network(**tensors_of(batch, self.inputs))
+        inputs = tensors_of(batch, self.network.inputs)  # type: ignore[arg-type]
+        outputs = self.network(**inputs)
         loss = loss_of(outputs, batch)
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]

@@ -172,8 +172,8 @@ def test_the_squared_error_counts_robots_with_a_target_alone():
     empty = torch.zeros(0)
     xy = XyOutputs(empty, empty, empty, (), places, ways)
     labels = torch.tensor([[0, 1, 2]])  # the third robot is to take none
-    assert float(xy.loss(labels, torch.ones(1, 3))) == pytest.approx((0 + 4) / 2)
-    assert float(xy.loss(torch.full((1, 3), -100), torch.zeros(1, 3))) == 0
+    assert float(xy.squared_error(labels, torch.ones(1, 3))) == pytest.approx((0 + 4) / 2)
+    assert float(xy.squared_error(torch.full((1, 3), -100), torch.zeros(1, 3))) == 0
 
 
 def test_settings_make_the_same_network_again(network):

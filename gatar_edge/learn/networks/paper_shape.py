@@ -43,7 +43,7 @@ class XyOutputs(Outputs):
     places: Tensor  # [B, N, 2], where each robot is sent, relative to itself
     ways: Tensor  # [B, N, M, 2], candidates relative to each robot
 
-    def loss(self, labels: Tensor, weight: Tensor) -> Tensor:
+    def squared_error(self, labels: Tensor, weight: Tensor) -> Tensor:
         """Weighted mean of the squared error over robots with a target; `labels` as in `Batch`, `weight` [B, N]."""
         count = self.ways.shape[2]
         given = (labels >= 0) & (labels < count)
