@@ -64,18 +64,18 @@ def _scores(runs: Runs, conditions: Conditions, done: float, progress: Progress)
 def _table_2(scores: Mapping[str, Score], runs: Runs) -> Table:
     columns = (
         "name", "method", "parameters", "views trained on", "x-y p90", "x-y median", "x-y mean",
-        "target p90", "target median", "target mean", "target exact", "paper p90", "paper median", "paper mean",
+        "target p90", "target median", "target mean", "target exact", "knowable mean", "knowable exact", "paper p90", "paper median", "paper mean",
     )  # fmt: skip
     rows: list[tuple[Value, ...]] = []
     for name in (*TABLE_2, "gatar-greedy", "greedy", "nearest", "random"):
         about = description(runs[name]) if name in runs else {}
         views = about["steps"] * about["train"]["batch"] if about else None
         place = scores[f"{name}_xy"].every if f"{name}_xy" in scores else None
-        target = scores[name].every
+        target, known = scores[name].every, scores[name].knowable
         rows.append((
             name, LABELS[name], about.get("parameters"), views,
             *(_three(place) if place else (None,) * 3), *_three(target), target.exact,
-            *PAPER_TABLE_2.get(name, (None,) * 3),
+            known.mean, known.exact, *PAPER_TABLE_2.get(name, (None,) * 3),
         ))  # fmt: skip
     return Table("table2", columns, tuple(rows))
 

@@ -20,6 +20,7 @@ RULES = ("nearest", "random", "greedy", "hungarian", "routing", "cbba", "central
          "central-routing")  # fmt: skip
 CURVES = ("gatar-greedy", "gatar-field", "greedy", "hungarian", "routing")
 REFERENCE = "greedy"
+AVERAGED = ("steps_90", "mean_time", "localized", "retasks", "duplicates", "bytes_per_robot_step")
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +78,7 @@ def _table(
 ) -> Table:
     columns = (
         axis, "allocator", "steps", "steps lo", "steps hi", "steps to 90 %", "mean time", "localized",
-        "against greedy", "ratio lo", "ratio hi", "duplicates", "bytes a robot and step", "missions",
+        "against greedy", "ratio lo", "ratio hi", "retasks", "duplicates", "bytes a robot and step", "missions",
     )  # fmt: skip
     rows: list[tuple[Value, ...]] = []
     for value, campaign in campaigns:
@@ -86,11 +87,10 @@ def _table(
             greedy = [flown[Flight(campaign, REFERENCE, seed)] for seed in campaign.seeds]
             steps = mean_interval(_values(every, "steps_100"))
             ratio = ratio_interval(_values(every, "steps_100"), _values(greedy, "steps_100"))
-            rest = ("steps_90", "mean_time", "localized", "duplicates", "bytes_per_robot_step")
-            to_90, mean_time, localized, duplicates, sent = (float(_values(every, field).mean()) for field in rest)
+            to_90, mean_time, localized, *rest = (float(_values(every, field).mean()) for field in AVERAGED)
             rows.append((
                 value, label, steps.mean, steps.lo, steps.hi, to_90, mean_time, localized,
-                ratio.mean, ratio.lo, ratio.hi, duplicates, sent, len(every),
+                ratio.mean, ratio.lo, ratio.hi, *rest, len(every),
             ))  # fmt: skip
     return Table(name, columns, tuple(rows))
 

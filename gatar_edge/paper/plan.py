@@ -118,6 +118,6 @@ QUICK = Scale(
         **dict.fromkeys(TABLE_2[1:], SMALL_SHAPE),
     },
     samples=150, curve_samples=60, ranges=(0, 6, 10), teams=("1A1G", "6A6G"),
-    missions=3, mission_teams=("3A3G",), curve_missions=2, losses=(0.0, 0.5), delays=(0, 3), kills=(0, 2),
+    missions=2, mission_teams=("3A3G",), curve_missions=1, losses=(0.0, 0.5), delays=(0, 3), kills=(0, 2),
     city_missions=1,
 )  # fmt: skip

@@ -8,7 +8,7 @@ from gatar_edge.allocators.base import NO_TARGET
 from gatar_edge.allocators.gatar import Gatar
 from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.export.states import random_view
-from gatar_edge.features import features
+from gatar_edge.features import ROBOT_FEATURES, features
 from gatar_edge.types import CellState, RobotKind
 from gatar_edge.view import build_view, travel_times
 
@@ -87,6 +87,8 @@ def test_decentralized_a_robot_outside_the_graph_changes_no_bit(model, seed):
     other["maps"][4] = rng.random(other["maps"][4].shape)
     other["pairs"][4] = rng.normal(size=other["pairs"][4].shape)
     other["valid"][4] = 1 - other["valid"][4]
+    news = np.arange(len(ROBOT_FEATURES)) != ROBOT_FEATURES.index("rank")  # its place among the ids is no news from it
+    other["robots"][4, news] = rng.normal(size=news.sum())
     one, two = model.policy.run(inputs), model.policy.run(other)
     assert one.scores[:4].tobytes() == two.scores[:4].tobytes()
     assert one.xy.tobytes() == two.xy.tobytes()
