@@ -56,8 +56,8 @@ def _table_2(table: Table, budget: str, scale: Scale) -> list[str]:
         f"6A6G, r_comm 6, {scale.samples:,} labelled robots; every network was trained for {budget} on the same data, "
         f"{scale.batch} views a step. Cells between the answer and the expert's target. `x-y` is what the paper "
         "measures: the place that the network names (for our network, its score-weighted mean). `target` is where the "
-        "robot is sent once one assignment over its graph has been decoded: the metric that counts in flight. `knowable` leaves "
-        "out the labels that no robot near enough could tell of.",
+        "robot is sent once one assignment over its graph has been decoded: the metric that counts in flight. "
+        "`knowable` leaves out the labels that no robot near enough could tell of.",
         table.markdown(*X_Y_COLUMNS),
         table.markdown(*TARGET_COLUMNS),
         _verdict_2(table),

@@ -34,7 +34,7 @@ def train(run: Run, data: Path, folder: Path, scale: Scale, progress: Progress) 
     """
     options = TrainOptions(
         run.network, str(data), minutes=scale.minutes, steps=scale.steps, batch=scale.batch, threads=1,
-        warm_up=min(WARM_UP, scale.steps // 5) if scale.steps else WARM_UP,
+        warm_up=min(WARM_UP, 1 + scale.steps // 5) if scale.steps else WARM_UP,
         settings={**run.settings, **scale.sizes.get(run.network, {})},
     )  # fmt: skip
     trainer = Trainer(options, folder)
