@@ -64,7 +64,8 @@ def _scores(runs: Runs, conditions: Conditions, done: float, progress: Progress)
 def _table_2(scores: Mapping[str, Score], runs: Runs) -> Table:
     columns = (
         "name", "method", "parameters", "views trained on", "x-y p90", "x-y median", "x-y mean",
-        "target p90", "target median", "target mean", "target exact", "knowable mean", "knowable exact", "paper p90", "paper median", "paper mean",
+        "target p90", "target median", "target mean", "target exact", "knowable mean", "knowable exact",
+        "paper p90", "paper median", "paper mean",
     )  # fmt: skip
     rows: list[tuple[Value, ...]] = []
     for name in (*TABLE_2, "gatar-greedy", "greedy", "nearest", "random"):
