@@ -3,7 +3,8 @@
 Shapes: B views, N robots, M candidates, D width, C conv channels. CNN and MLP encode each robot's four channels, the
 aggregation lets robots tell each other, CNN and MLP decode what was heard beside the robot's own maps (fig. 2 of the
 paper). Each robot gets the x-y of its target, relative to itself; the loss is the squared error (eq. 11). A candidate's
-score is minus its distance from that place, so that the same decoder serves these networks and those that score.
+score is minus its distance from that place, so that the same decoder serves these networks and those that score; in
+tens of cells, because sharper probabilities would come so near to 0 and 1 that single precision could not rank them.
 
 The paper's maps are the whole world; ours are windows round each robot, so a robot also tells where it is.
 """
@@ -22,7 +23,6 @@ GAUSSIAN = CHANNELS.index("gaussian_target")
 DX = PAIR_FEATURES.index("dx")  # and dy behind it
 NO_TARGET_SCORE = -1e3  # these networks never say "no target": it is worse than any distance, better than impossible
 LIFTED = 2  # maps that carry what was heard into the decoder's CNN
-SOFTNESS_CELLS = 2.0  # so much farther is e times less likely: the decoder still tells 40 cells from 41
 SIDE = WINDOW // 2 + 1  # of the maps behind the first convolution: at full size they cost five times the rest
 
 
@@ -125,7 +125,7 @@ class PaperShaped(nn.Module):
         heard, attention = self.aggregate(told.reshape(views, robots, self.config.width), hops)
         sent = self.decode(own, heard.flatten(0, 1)).reshape(views, robots, 2)
         gap = (sent.unsqueeze(2) - ways).square().sum(dim=-1).sqrt()
-        scores = torch.where(shown, gap * (-LENGTH_SCALE_CELLS / SOFTNESS_CELLS), HIDDEN_SCORE)
+        scores = torch.where(shown, -gap, HIDDEN_SCORE)
         scores = torch.cat([scores, torch.full_like(scores[..., :1], NO_TARGET_SCORE)], dim=-1)
         return XyOutputs(scores, sent[:, 0] * LENGTH_SCALE_CELLS, attention, (), sent, ways)
 
