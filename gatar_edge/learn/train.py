@@ -64,17 +64,23 @@ class Progress:
 def loss_of(outputs: Any, batch: Batch) -> Tensor:
     """Cross-entropy over the candidates and "no target", of the last round and less of each earlier one."""
     labels = torch.from_numpy(_usable(batch))
+    shares = torch.from_numpy(_usable_shares(batch))
+    labels[:, 0] = torch.where(shares.sum(dim=-1) > 0, labels[:, 0].clamp(min=0), IGNORED)
     used = labels >= 0
     weight = torch.full(labels.shape, NEIGHBOUR_WEIGHT)
     weight[:, 0] = 1.0
     weight = weight * used
     if isinstance(outputs, XyOutputs):
-        return outputs.squared_error(labels, weight)
+        return outputs.squared_error(labels, weight, shares)
     total = weight.sum().clamp(min=1.0)
 
     def cross_entropy(scores: Tensor) -> Tensor:
-        each = functional.cross_entropy(scores.flatten(0, 1), labels.clamp(min=0).flatten(), reduction="none")
-        return (each.view_as(weight) * weight).sum() / total
+        others = functional.cross_entropy(
+            scores[:, 1:].flatten(0, 1), labels[:, 1:].clamp(min=0).flatten(), reduction="none"
+        )
+        ego = functional.cross_entropy(scores[:, 0], shares, reduction="none")
+        each = torch.cat([ego[:, None], others.view(len(ego), -1)], dim=1)
+        return (each * weight).sum() / total
 
     earlier = sum((cross_entropy(scores) for scores in outputs.rounds), start=torch.zeros(()))
     return cross_entropy(outputs.scores) + EARLIER_WEIGHT * earlier
@@ -89,8 +95,16 @@ def _usable(batch: Batch) -> np.ndarray[Any, np.dtype[np.int64]]:
     return np.where((labels < 0) | (labels == valid.shape[2]) | known, labels, IGNORED)
 
 
+def _usable_shares(batch: Batch) -> np.ndarray[Any, np.dtype[np.float32]]:
+    """Ego's shares, without those of candidates that it believes unreachable; all 0 where little is left."""
+    shares: np.ndarray[Any, np.dtype[np.float32]] = batch.shares.copy()
+    shares[:, :-1] *= batch.inputs["valid"][:, 0]
+    total = shares.sum(axis=-1, keepdims=True)
+    return np.where(total > 0.5, shares / np.maximum(total, np.float32(1e-6)), np.float32(0))
+
+
 def tensors_of(batch: Batch, names: Iterable[str]) -> dict[str, Tensor]:
-    """Those of the batch's inputs that a network reads."""
+    """The batch's inputs for a network that takes `names`."""
     return {name: torch.from_numpy(np.ascontiguousarray(batch.inputs[name])) for name in names}
 
 
@@ -143,8 +157,7 @@ class Trainer:
     def _train(self, batch: Batch, started: float) -> Progress:
         for group in self.optimizer.param_groups:
             group["lr"] = self.options.rate * self._schedule()
-        inputs = tensors_of(batch, self.network.inputs)  # type: ignore[arg-type]
-        outputs = self.network(**inputs)
+        outputs = self.network(**tensors_of(batch, self.network.inputs))
         loss = loss_of(outputs, batch)
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
@@ -152,8 +165,8 @@ class Trainer:
         self.optimizer.step()
         self.step += 1
         self.seconds += time.monotonic() - started
-        right = outputs.scores[:, 0, :-1].argmax(dim=-1).numpy() == batch.labels[:, 0]
-        judged = batch.labelled & batch.knowable
+        judged = batch.shares[:, :-1].sum(axis=-1) > 0
+        right = outputs.scores[:, 0, :-1].argmax(dim=-1).numpy() == batch.shares[:, :-1].argmax(axis=-1)
         exact = float(right[judged].mean()) if judged.any() else 1.0
         return Progress(self.step, float(loss.detach()), exact, min(1.0, self.done), self.seconds)
 

@@ -172,8 +172,11 @@ def test_the_squared_error_counts_robots_with_a_target_alone():
     empty = torch.zeros(0)
     xy = XyOutputs(empty, empty, empty, (), places, ways)
     labels = torch.tensor([[0, 1, 2]])  # the third robot is to take none
-    assert float(xy.squared_error(labels, torch.ones(1, 3))) == pytest.approx((0 + 4) / 2)
-    assert float(xy.squared_error(torch.full((1, 3), -100), torch.zeros(1, 3))) == 0
+    one, none, half = (torch.tensor([shares]) for shares in ([1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.5, 0.5, 0.0]))
+    assert float(xy.squared_error(labels, torch.ones(1, 3), one)) == pytest.approx((0 + 4) / 2)
+    assert float(xy.squared_error(labels, torch.ones(1, 3), none)) == pytest.approx(4)
+    assert float(xy.squared_error(labels, torch.ones(1, 3), half)) == pytest.approx((0.5**2 + 1 + 4) / 2)
+    assert float(xy.squared_error(torch.full((1, 3), -100), torch.zeros(1, 3), none)) == 0
 
 
 def test_settings_make_the_same_network_again(network):

@@ -43,13 +43,19 @@ class XyOutputs(Outputs):
     places: Tensor  # [B, N, 2], where each robot is sent, relative to itself
     ways: Tensor  # [B, N, M, 2], candidates relative to each robot
 
-    def squared_error(self, labels: Tensor, weight: Tensor) -> Tensor:
-        """Weighted mean of the squared error over robots with a target; `labels` as in `Batch`, `weight` [B, N]."""
+    def squared_error(self, labels: Tensor, weight: Tensor, shares: Tensor) -> Tensor:
+        """Weighted mean of the squared error over robots with a target; `labels` and `shares` as in `Batch`, `weight`
+        [B, N]. Ego's target is the mean of its shares, as the squared error has it.
+        """
         count = self.ways.shape[2]
         given = (labels >= 0) & (labels < count)
         index = labels.clamp(0, count - 1)[..., None, None].expand(-1, -1, 1, 2)
         wanted = self.ways.gather(2, index).squeeze(2)
-        weight = weight * given
+        share = shares[:, :-1]
+        total = share.sum(dim=-1, keepdim=True)
+        ego = (share.unsqueeze(-1) * self.ways[:, 0]).sum(dim=1) / total.clamp(min=1e-6)
+        wanted = torch.cat([ego[:, None], wanted[:, 1:]], dim=1)
+        weight = weight * torch.cat([total > 0, given[:, 1:]], dim=1)
         error = (self.places - wanted).square().sum(dim=-1)
         return (error * weight).sum() / weight.sum().clamp(min=1.0)
 
