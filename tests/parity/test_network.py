@@ -79,7 +79,7 @@ def test_another_order_of_neighbours_gives_the_same_assignment(network, seed):
     rows = {name: getattr(arrays, name)[order] for name in ("distances", "robots", "kinds", "speeds", "ids", "tasks")}
     shuffled = type(arrays)(
         belief=arrays.belief, ages_s=arrays.ages_s[order], present=arrays.present[order], targets=arrays.targets,
-        listed=arrays.listed, hops=arrays.hops[np.ix_(order, order)], **rows,
+        listed=arrays.listed, dark=arrays.dark, hops=arrays.hops[np.ix_(order, order)], **rows,
     )  # fmt: skip
     plain, mixed = outputs(network, features_of(arrays)), outputs(network, features_of(shuffled))
     np.testing.assert_allclose(mixed[0], plain[0][order], atol=1e-5)
