@@ -51,9 +51,8 @@ class RadioBuffer:
 
     def sent(self, datagram: bytes, now_ns: int) -> None:
         """One datagram that was sent: own, or another robot's passed on."""
-        item = radio_item(datagram, ch.RadioWay.SENT, "", now_ns, keep=True)
-        if item.author == self.robot_id:
-            self.items.append(item)
+        if _author(datagram) == self.robot_id:
+            self.items.append(radio_item(datagram, ch.RadioWay.SENT, "", now_ns, keep=True))
         else:
             self.relayed += 1
             self.relayed_bytes += len(datagram)
@@ -81,6 +80,17 @@ def command_record(command: VehicleCommand) -> dict[str, Any]:
             return {"type": "mission", "cells": cells}
         case Hold(reason):
             return {"type": "hold", "reason": reason}
+
+
+def _author(datagram: bytes) -> int:
+    """Who wrote a datagram; -1 for what is none."""
+    talk = author_of(datagram)
+    if talk is not None:
+        return talk[0]
+    try:
+        return unpack(datagram).robot_id
+    except (MessageError, struct.error):
+        return -1
 
 
 def radio_item(datagram: bytes, way: ch.RadioWay, outcome: str, now_ns: int, keep: bool) -> ch.RadioItem:
