@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
+
+import msgspec
 
 from gatar_edge.bridge import wire
 from gatar_edge.bridge.codec import Codec, strip_signature
@@ -30,8 +32,7 @@ MAX_EVENTS = 1000
 MAX_FRAMES = 8192
 
 
-@dataclass(frozen=True, slots=True)
-class FrameRecord:
+class FrameRecord(msgspec.Struct, frozen=True):
     """One raw MAVLink frame for the log, without its signature."""
 
     t_ns: int

@@ -102,8 +102,9 @@ class Launch:
 
     def poll(self, seen: Telemetry, now_ns: int) -> None:
         """Take the next step if the vehicle shows that the last one is done."""
-        if self.phase in _WATCHERS:
-            _WATCHERS[self.phase](self, seen, now_ns)
+        watch = _WATCHERS.get(self.phase)
+        if watch is not None:
+            watch(self, seen, now_ns)
 
     def airborne(self, seen: Telemetry) -> bool:
         """Whether it is in the air, or need not be."""

@@ -140,12 +140,14 @@ class Retask:
 
     def poll(self, seen: Telemetry, now_ns: int) -> list[Message]:
         """Read the vehicle's answers, go on, and hand over messages to send now."""
-        if self.step in _WATCHERS:
+        watch = _WATCHERS.get(self.step)
+        if watch is not None:
             if self.transfer.active and self.step is not Step.UPLOAD and Event.REOPENED in TRANSITIONS[self.step]:
                 if self.step is Step.DRIVE:
                     self._start_index = self.index(seen)  # go on from there, not from the first waypoint
                 self._fire(Event.REOPENED, now_ns, Status.STARTING)
-            _WATCHERS[self.step](self, seen, now_ns)
+                watch = _WATCHERS[self.step]
+            watch(self, seen, now_ns)
         out, self._out = self._out, []
         return out
 

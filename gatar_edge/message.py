@@ -181,6 +181,11 @@ def unpack(data: bytes) -> NeighborMessage:
     )
 
 
+def sender_of(data: bytes) -> int | None:
+    """Who claims to have written `data`; None where it has not a message's length. Verifies nothing."""
+    return int(_ROUTE.unpack_from(data, _ROUTE_AT)[1]) if len(data) == MESSAGE_BYTES else None
+
+
 @lru_cache(maxsize=512)  # see `open_envelope`: all that relay a message send the same bytes
 def with_hops(data: bytes, hops: int, key: bytes) -> bytes:
     """The verified message `data` as a relay sends it on: another hop count, signed again."""

@@ -251,7 +251,7 @@ class Fleet:
                     continue
                 heard = robot.agent.hear(datagram, now_ns + robot.skew_ns)
                 if self.log is not None:
-                    self.log.heard(receiver, datagram, heard.outcome.value, now_ns + robot.skew_ns)
+                    self.log.heard(receiver, datagram, heard.outcome, now_ns + robot.skew_ns)
                 if heard.relay is not None:
                     self._send(robot, heard.relay, positions, now_ns)
 
