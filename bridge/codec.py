@@ -10,7 +10,7 @@ import io
 import os
 from collections import namedtuple
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from gatar_edge.bridge import wire
 from gatar_edge.bridge.signing import SIGNATURE_BYTES, Signing
@@ -181,11 +181,9 @@ def _layouts() -> dict[int, _Layout]:
     layouts = {}
     for number, kind in mavlink.mavlink_map.items():
         if all(length == 1 for length in kind.lengths) and "s" not in kind.unpacker.format:
-            named = namedtuple("Fields", kind.ordered_fieldnames)._make  # type: ignore[misc]
-            unpacker = kind.unpacker
-            layouts[number] = _Layout(
-                unpacker.size, unpacker.unpack, named, _READERS.get(number), bytes([kind.crc_extra])
-            )
+            fields = cast(Any, namedtuple)("Fields", kind.ordered_fieldnames)
+            unpacker, read = kind.unpacker, _READERS.get(number)
+            layouts[number] = _Layout(unpacker.size, unpacker.unpack, fields._make, read, bytes([kind.crc_extra]))
     return layouts
 
 

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import msgspec
 
-from gatar_edge.bridge import wire
+from gatar_edge.bridge import dialect, wire
 from gatar_edge.bridge.codec import Codec, strip_signature
 from gatar_edge.bridge.geo import Point, inside_grid, is_rest, wgs84_to_grid_m
 from gatar_edge.bridge.heartbeat import Heart
@@ -81,7 +81,7 @@ class VehicleDriver:
         for frame in self._codec.parse(data):
             if frame.source[0] != self.config.sysid:
                 continue
-            if self.config.log_frames and frame.message_id != wire.MessageId.SETUP_SIGNING:
+            if self.config.log_frames and frame.message_id != dialect.MessageId.SETUP_SIGNING:
                 self._frames.append(FrameRecord(now_ns, False, frame.raw))
             if self._vehicle is None:
                 self._look_at(frame, now_ns)
@@ -223,7 +223,7 @@ class VehicleDriver:
     def _look_at(self, frame: wire.Received, now_ns: int) -> None:
         """Find the autopilot: the first heartbeat on a link may be a ground station, a gimbal or another companion."""
         heartbeat = frame.message
-        if not isinstance(heartbeat, wire.Heartbeat) or heartbeat.autopilot == wire.AUTOPILOT_INVALID:
+        if not isinstance(heartbeat, wire.Heartbeat) or heartbeat.autopilot == dialect.AUTOPILOT_INVALID:
             return
         profile = choose(heartbeat.autopilot, heartbeat.type)
         if isinstance(profile, Unsupported):

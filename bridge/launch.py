@@ -12,10 +12,10 @@ from collections.abc import Callable
 from enum import Enum
 
 from gatar_edge.bridge.commands import CommandClient
+from gatar_edge.bridge.dialect import LANDED_ON_GROUND, Command
 from gatar_edge.bridge.modes import ModeKeeper
 from gatar_edge.bridge.profiles.base import Profile, Takeoff
 from gatar_edge.bridge.telemetry import Telemetry
-from gatar_edge.bridge.wire import LANDED_ON_GROUND, Command
 from gatar_edge.types import NS_PER_S
 
 ARM_RETRY_NS = NS_PER_S

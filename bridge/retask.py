@@ -11,6 +11,7 @@ from enum import Enum
 
 from gatar_edge.bridge import wire
 from gatar_edge.bridge.commands import CommandClient
+from gatar_edge.bridge.dialect import Command, CommandResult
 from gatar_edge.bridge.mission_items import build
 from gatar_edge.bridge.mission_states import Result
 from gatar_edge.bridge.mission_transfer import MissionClient
@@ -18,7 +19,7 @@ from gatar_edge.bridge.modes import ModeKeeper
 from gatar_edge.bridge.profiles.base import Profile, SetCurrent
 from gatar_edge.bridge.status import Status
 from gatar_edge.bridge.telemetry import Progress, Telemetry, distance_m
-from gatar_edge.bridge.wire import Command, CommandResult, Message
+from gatar_edge.bridge.wire import Message
 from gatar_edge.types import NS_PER_S
 
 RETRY_NS = NS_PER_S

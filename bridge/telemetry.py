@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from gatar_edge.bridge import wire
+from gatar_edge.bridge.dialect import MessageId
 from gatar_edge.bridge.geo import geodetic_to_enu
-from gatar_edge.bridge.wire import MessageId
 from gatar_edge.types import NS_PER_S
 
 NEVER = -1

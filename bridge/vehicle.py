@@ -6,6 +6,7 @@ import random
 
 from gatar_edge.bridge import wire
 from gatar_edge.bridge.commands import CommandClient
+from gatar_edge.bridge.dialect import Command
 from gatar_edge.bridge.guided import Guided
 from gatar_edge.bridge.launch import Event, Launch, Phase
 from gatar_edge.bridge.memory import mission_points, remembered_items
@@ -17,7 +18,7 @@ from gatar_edge.bridge.retask import UNTOLD_TOTALS, Retask
 from gatar_edge.bridge.settings import DriverConfig
 from gatar_edge.bridge.status import DriverEvent, EventKind, Status
 from gatar_edge.bridge.telemetry import Telemetry
-from gatar_edge.bridge.wire import Address, Command, Message
+from gatar_edge.bridge.wire import Address, Message
 from gatar_edge.driver_memory import DriverMemory
 from gatar_edge.types import NS_PER_S, Goto, Hold, Mission, RobotKind
 
