@@ -111,7 +111,12 @@ class Wire:
         return messages
 
     def pack(self, send: Send) -> bytes:
-        """One message as a MAVLink 2 frame."""
+        """One message as a MAVLink 2 frame, numbered after the one before."""
+        frame = self._frame(send)
+        self._codec.seq = (self._codec.seq + 1) % 256  # pymavlink counts only what it sends itself
+        return frame
+
+    def _frame(self, send: Send) -> bytes:
         layout = _layout(send.name)
         names = layout.names
         if self._codec.signing.sign_outgoing or len(send.fields) != len(names) or not names >= send.fields.keys():
