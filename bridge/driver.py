@@ -20,12 +20,13 @@ from gatar_edge.bridge.geo import Point, inside_grid, is_rest, wgs84_to_grid_m
 from gatar_edge.bridge.heartbeat import Heart
 from gatar_edge.bridge.launch import Phase
 from gatar_edge.bridge.profiles import Unsupported, choose
-from gatar_edge.bridge.safety import GOAL_REFUSALS, Known, Neighbor, Refusal, gate
+from gatar_edge.bridge.safety import GOAL_REFUSALS, Known, Refusal, gate
 from gatar_edge.bridge.settings import DriverConfig
 from gatar_edge.bridge.signing import TICK_NS, Signing
 from gatar_edge.bridge.status import DriverEvent, EventKind, Status
 from gatar_edge.bridge.vehicle import Vehicle
 from gatar_edge.driver_memory import NOTHING, DriverMemory
+from gatar_edge.separation import Place
 from gatar_edge.types import NS_PER_S, Cell, Hold, Mission, VehicleCommand, VehicleState
 
 MAX_EVENTS = 1000
@@ -56,7 +57,7 @@ class VehicleDriver:
         # signing timestamps go on from where the caller began, at the pace of the injected clock
         self._signing_base = signing.timestamp - now_ns // TICK_NS if signing is not None else 0
         self._limits = config.limits()
-        self._neighbors: tuple[Neighbor, ...] = ()
+        self._neighbors: tuple[Place, ...] = ()
         self._vehicle: Vehicle | None = None
         self._unsupported: str | None = None
         self._launch = config.auto_launch
@@ -123,7 +124,7 @@ class VehicleDriver:
             self._watch_connection(self._vehicle.connected(now_ns), now_ns)
         return b"".join([self._encode(message, now_ns) for message in out])
 
-    def neighbors(self, positions: tuple[Neighbor, ...]) -> None:
+    def neighbors(self, positions: tuple[Place, ...]) -> None:
         """Where other robots are, or go to with the right of way: commands keep `min_separation_m` from them."""
         self._neighbors = positions
 
