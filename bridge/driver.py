@@ -189,37 +189,10 @@ class VehicleDriver:
         if vehicle is None:
             phase = Phase.UNSUPPORTED if self._unsupported else Phase.SEARCHING
             return VehicleState(now_ns, phase=phase.value, details={"unsupported": self._unsupported or ""})
-        seen, position = vehicle.seen, vehicle.seen.position
-        lat_lon = seen.lat_lon_deg or (math.nan, math.nan)
-        return VehicleState(
-            t_ns=now_ns,
-            connected=vehicle.connected(now_ns),
-            armed=seen.armed,
-            ready=vehicle.ready(now_ns),
-            mode="" if seen.custom_mode is None else vehicle.profile.mode_name(seen.custom_mode),
-            lat_deg=lat_lon[0],
-            lon_deg=lat_lon[1],
-            alt_rel_m=seen.alt_rel_m,
-            speed_m_s=math.hypot(position.north_cm_s, position.east_cm_s) / 100 if position else 0.0,
-            heading_deg=position.heading_cdeg / 100 if position and position.heading_cdeg != 65535 else 0.0,
-            battery_percent=seen.battery_percent,
-            position_t_ns=seen.position_ns,
-            cell=self._cell(),
-            phase=vehicle.launch.phase.value,
-            details=self._details(vehicle),
-        )
+        counts = {"retasks": self._retasks, "bad_bytes": self._codec.bad_bytes}
+        return vehicle.state(now_ns, self._cell(), counts)
 
     # --- inside ---
-
-    def _details(self, vehicle: Vehicle) -> dict[str, object]:
-        result = vehicle.transfer.result
-        return {
-            "profile": vehicle.profile.name,
-            "status": vehicle.status.value,
-            "retasks": self._retasks,
-            "transfer": result.name if result is not None else vehicle.transfer.step.name,
-            "bad_bytes": self._codec.bad_bytes,
-        }
 
     def _look_at(self, frame: wire.Received, now_ns: int) -> None:
         """Find the autopilot: the first heartbeat on a link may be a ground station, a gimbal or another companion."""

@@ -13,7 +13,7 @@ from gatar_edge.errors import ConfigError
 
 if TYPE_CHECKING:
     from gatar_edge.mission_watch import Seen
-    from gatar_edge.sim_sitl.fleet import FleetConfig
+    from gatar_edge.sim_sitl.fleet_config import FleetConfig
 
 KILLED_S = (2.0, 12.0)  # of the mission
 

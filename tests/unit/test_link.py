@@ -10,7 +10,8 @@ import pytest
 
 from gatar_edge.bridge import link
 from gatar_edge.bridge.codec import Codec
-from gatar_edge.bridge.link import LinkError, StreamLink, UdpLink, datagrams, open_link, sender
+from gatar_edge.bridge.framing import datagrams, sender
+from gatar_edge.bridge.link import LinkError, StreamLink, UdpLink, open_link
 from gatar_edge.bridge.wire import Heartbeat
 from gatar_edge.errors import MissingExtraError
 
