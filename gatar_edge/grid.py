@@ -15,6 +15,7 @@ import tcod.path
 from gatar_edge.types import BoolGrid, ByteGrid, Cell, Cells, CellState, IntGrid, RobotKind
 
 UNREACHABLE = -1
+_OBSTACLE = np.uint8(CellState.OBSTACLE)
 _TCOD_UNREACHABLE = np.iinfo(np.int32).max
 
 
@@ -27,7 +28,7 @@ def passable(kind: RobotKind, belief: ByteGrid) -> BoolGrid:
     """Where a robot may go, as far as is known: bool [W, H]. Obstacles stop only ground robots."""
     if kind is RobotKind.UAV:
         return np.ones(belief.shape, dtype=np.bool_)
-    free: BoolGrid = belief != CellState.OBSTACLE
+    free: BoolGrid = belief != _OBSTACLE
     return free
 
 

@@ -45,6 +45,10 @@ class Heard:
     relay: bytes | None = None
 
 
+# The usual answer: most of what is heard is known already.
+_IGNORED = {outcome: Heard(outcome) for outcome in HearOutcome}
+
+
 @dataclass(frozen=True, slots=True)
 class Neighbor:
     """The newest message of one author, and when it was first heard here."""
@@ -138,9 +142,9 @@ class NeighborTable:
                 message = replace(known.message, hops=envelope.hops)
                 self._authors[envelope.robot_id] = Neighbor(message, known.heard_ns)  # no younger for it
             else:
-                return Heard(outcome)
+                return _IGNORED[outcome]
         except MessageError as error:
-            return Heard(HearOutcome(error.cause.value))
+            return _IGNORED[HearOutcome(error.cause.value)]
         hops = envelope.hops + 1
         return Heard(outcome, message, with_hops(data, hops, self._key) if hops < self._hop_limit else None)
 
