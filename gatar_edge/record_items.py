@@ -17,7 +17,7 @@ from gatar_edge.agent import Agent, Memory
 from gatar_edge.config import AgentConfig
 from gatar_edge.errors import LogError, MessageError
 from gatar_edge.keys import KEY_BYTES
-from gatar_edge.message import MAC_BYTES, encode, unpack
+from gatar_edge.message import MAC_BYTES, encode, unpack, written_by
 from gatar_edge.neighbors import Neighbor
 from gatar_edge.persist import SavedState, snapshot
 from gatar_edge.talk import author_of
@@ -51,9 +51,9 @@ class RadioBuffer:
 
     def sent(self, datagram: bytes, now_ns: int) -> None:
         """One datagram that was sent: own, or another robot's passed on."""
-        item = radio_item(datagram, ch.RadioWay.SENT, "", now_ns, keep=True)
-        if item.author == self.robot_id:
-            self.items.append(item)
+        talk = author_of(datagram)
+        if self.robot_id == (written_by(datagram) if talk is None else talk[0]):
+            self.items.append(radio_item(datagram, ch.RadioWay.SENT, "", now_ns, keep=True))
         else:
             self.relayed += 1
             self.relayed_bytes += len(datagram)
