@@ -233,9 +233,7 @@ class Daemon:
         log.vehicle(self._robot_id, state, now_ns)
         log.belief(self._robot_id, self.agent.belief, self.agent.config.grid, now_ns)
 
-    def _snapshot(
-        self, decision: Decision, state: VehicleState, heard: Sequence[Neighbor], now_ns: int
-    ) -> Snapshot:
+    def _snapshot(self, decision: Decision, state: VehicleState, heard: Sequence[Neighbor], now_ns: int) -> Snapshot:
         age_ns = self.perception.age_ns(now_ns)
         saver, log = self._ports.saver, self._ports.log
         return Snapshot(
