@@ -104,7 +104,7 @@ def near_e7(echo: wire.PositionTarget, point_deg: tuple[float, float]) -> bool:
     return abs(echo.lat_e7 - point_deg[0] * 1e7) <= 10 and abs(echo.lon_e7 - point_deg[1] * 1e7) <= 10
 
 
-@lru_cache(maxsize=64)  # asked for at each poll, which come more often than positions
+@lru_cache(maxsize=1024)  # asked for several times between two positions of a vehicle
 def distance_m(a_deg: tuple[float, float], b_deg: tuple[float, float]) -> float:
     """Horizontal distance between two (lat, lon) pairs of one site."""
     east, north, _ = geodetic_to_enu((*b_deg, 0.0), (*a_deg, 0.0))

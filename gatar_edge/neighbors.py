@@ -45,7 +45,8 @@ class Heard:
     relay: bytes | None = None
 
 
-_WITHOUT_EFFECT = {outcome: Heard(outcome) for outcome in HearOutcome}  # most of what is heard, among many robots
+# The usual answer: most of what is heard is known already.
+_IGNORED = {outcome: Heard(outcome) for outcome in HearOutcome}
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,23 +130,23 @@ class NeighborTable:
             robot_id, seq, hops, digest = open_envelope(data, self._key)
             known = self._authors.get(robot_id)
             if robot_id == self._robot_id:
-                return _WITHOUT_EFFECT[HearOutcome.OWN]
+                return _IGNORED[HearOutcome.OWN]
             if digest != self._config_digest:
-                return _WITHOUT_EFFECT[HearOutcome.FOREIGN_CONFIG]
+                return _IGNORED[HearOutcome.FOREIGN_CONFIG]
             if hops >= self._hop_limit:
-                return _WITHOUT_EFFECT[HearOutcome.TOO_FAR]
+                return _IGNORED[HearOutcome.TOO_FAR]
             if known is None or seq > known.message.seq:
                 outcome, message = HearOutcome.ACCEPTED, unpack(data)
                 self._remember(Neighbor(message, now_ns))
             elif seq < known.message.seq:
-                return _WITHOUT_EFFECT[HearOutcome.OLDER]
+                return _IGNORED[HearOutcome.OLDER]
             elif hops >= known.message.hops:
-                return _WITHOUT_EFFECT[HearOutcome.DUPLICATE]
+                return _IGNORED[HearOutcome.DUPLICATE]
             else:
                 outcome, message = HearOutcome.NEARER, replace(known.message, hops=hops)
                 self._authors[robot_id] = Neighbor(message, known.heard_ns)  # no younger for it
         except MessageError as error:
-            return _WITHOUT_EFFECT[HearOutcome(error.cause.value)]
+            return _IGNORED[HearOutcome(error.cause.value)]
         return Heard(outcome, message, with_hops(data, hops + 1, self._key) if hops + 1 < self._hop_limit else None)
 
     def _remember(self, neighbor: Neighbor) -> None:
