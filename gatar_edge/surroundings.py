@@ -6,15 +6,15 @@ import itertools
 import socket
 import time
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 from gatar_edge.agent import Agent, Identity
 from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.config import AgentConfig
 from gatar_edge.keys import DEMO_KEY, KEY_BYTES
-from gatar_edge.message import MESSAGE_BYTES, VERSION, first_seq, numbered, with_hops
+from gatar_edge.message import MESSAGE_BYTES, VERSION, first_seq, numbered, sender_of, with_hops
 from gatar_edge.perception import encode_observation
 from gatar_edge.sim_sitl.body import Body
+from gatar_edge.sim_sitl.realtime import UdpSocket
 from gatar_edge.sim_sitl.world import Team, observe, random_world
 from gatar_edge.talk import TALK
 from gatar_edge.types import NS_PER_S, Cell, GridSpec, RobotKind
@@ -60,23 +60,14 @@ class Surroundings:
         return self._seen[cell]
 
     def attacks(self) -> Iterator[bytes]:
-        """Datagrams of one who knows all but the key, for ever, no two alike but for the replays: forged and spoofed
-        messages, forged talk, garbage, and recordings of what was sent a while ago.
+        """Datagrams of one who knows all but the key, for ever: forged and spoofed messages, forged talk, garbage, and
+        replays of what the neighbours sent just now.
         """
-        recorded = self.messages(relays=0)
-        for number in itertools.count():
-            noise = number.to_bytes(8, "big")
-            yield bytes((VERSION,)) + bytes(MESSAGE_BYTES - 1 - len(noise)) + noise
-            if recorded:
-                spoofed = recorded[number % len(recorded)]
-                yield numbered(spoofed, 0xFFFF_FFFF - number, FOREIGN_KEY)
-                yield spoofed
-            yield bytes((TALK,)) + bytes(60) + noise
-            yield noise
+        return _attacks(self.messages(relays=0))
 
-    def turns(self, vehicles: Any, ports: Sequence[int]) -> Turns:
-        """Play on sockets in real time. `ports`: where robot 1 hears, and looks."""
-        return Turns(self, vehicles, ports)
+    def turns(self, vehicles: UdpSocket, peer: UdpSocket, ports: Sequence[int]) -> Turns:
+        """Play on sockets in real time. `peer`: to whom robot 1 sends; `ports`: where it hears, and looks."""
+        return Turns(self, vehicles, peer, ports)
 
     def _message_of(self, number: int) -> bytes:
         cell = (5 + number % 4, 5 + number // 4)
@@ -89,8 +80,10 @@ class Surroundings:
 class Turns:
     """The surroundings on sockets, a twentieth of a second a turn."""
 
-    def __init__(self, surroundings: Surroundings, vehicles: Any, ports: Sequence[int]) -> None:
+    def __init__(self, surroundings: Surroundings, vehicles: UdpSocket, peer: UdpSocket, ports: Sequence[int]) -> None:
         self.flood_per_s = 0
+        self.ticks = 0  # of the daemon: its own messages, one a tick
+        self._peer = peer
         self._surroundings = surroundings
         self._vehicles = vehicles
         self._ear, self._eye = (("127.0.0.1", port) for port in ports)
@@ -114,6 +107,7 @@ class Turns:
     def _play(self) -> None:
         around = self._surroundings
         now_ns = self._turn * NS_PER_S // TURNS_PER_S
+        self.ticks += sum(sender_of(data) == 1 for data, _ in self._peer.receive())
         for data, _ in self._vehicles.receive():
             around.body.autopilot.receive(data, now_ns)
         around.body.step(now_ns)
@@ -124,3 +118,16 @@ class Turns:
             self._sender.sendto(around.observation(), self._eye)
         for data in due:
             self._sender.sendto(data, self._ear)
+
+
+def _attacks(recorded: list[bytes]) -> Iterator[bytes]:
+    """No two alike but for the replays."""
+    for number in itertools.count():
+        noise = number.to_bytes(8, "big")
+        yield bytes((VERSION,)) + bytes(MESSAGE_BYTES - 1 - len(noise)) + noise
+        if recorded:
+            spoofed = recorded[number % len(recorded)]
+            yield numbered(spoofed, 0xFFFF_FFFF - number, FOREIGN_KEY)
+            yield spoofed
+        yield bytes((TALK,)) + bytes(60) + noise
+        yield noise

@@ -10,18 +10,20 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-if TYPE_CHECKING:
-    from gatar_edge.sim_sitl.realtime import UdpSocket
-    from gatar_edge.surroundings import Surroundings
+from gatar_edge.errors import LinkError
 
-START_LIMIT_S = 60.0
+if TYPE_CHECKING:
+    from gatar_edge.surroundings import Surroundings, Turns
+
+START_LIMIT_S = 120.0  # on a machine with far too much to do
 SETTLE_S = 5.0
 STATUS_S = 1.5  # the daemon tells one a second
 SOAK_HELP = "Simulated, for the growth after the warm-up."
@@ -43,7 +45,8 @@ def command(
     \b
     start_s            from starting the process (a second time: bytecode is written) to its first decision
     start_cpu_s        the processor time of that, which other load of the machine hardly changes
-    cpu_percent        of one core, at 5 Hz, all threads and the kernel's share
+    cpu_percent        of one core, all threads and the kernel's share; 5 Hz is what it should be, and ticks_per_s
+                       what it was: on a machine that is too busy it skips ticks, and cpu_ms_per_tick tells more
     flood_cpu_percent  what --flood forged, spoofed and replayed datagrams a second add to that
     flood_status       what the daemon says of itself at the end of the flood
     rss_mb             resident memory after both loads
@@ -72,13 +75,13 @@ def measured_process(allocator: str, neighbors: int, seconds: float, flood: int)
 
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        vehicles = stack.enter_context(closing(UdpSocket("127.0.0.1:0")))
+        vehicles, peer = (stack.enter_context(closing(UdpSocket("127.0.0.1:0"))) for _ in range(2))
         notify = stack.enter_context(closing(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)))
         notify.bind(str(folder / "notify"))
         notify.settimeout(START_LIMIT_S)
         ports = _free_ports(2)
-        surroundings = _configured(folder, allocator, neighbors, vehicles, ports)
-        turns = stack.enter_context(closing(surroundings.turns(vehicles, ports)))
+        surroundings = _configured(folder, allocator, neighbors, (vehicles.port, peer.port), ports)
+        turns = stack.enter_context(closing(surroundings.turns(vehicles, peer, ports)))
         with _daemon(folder):
             _first_decision(notify)
         for state in folder.glob("state-*"):  # one that goes on with a task first waits for its eyes
@@ -94,13 +97,14 @@ def measured_process(allocator: str, neighbors: int, seconds: float, flood: int)
             "start_cpu_s": round(_cpu_s(process.pid), 2),
         }
         turns.spend(SETTLE_S)
-        quiet_percent = _cpu_percent(process.pid, lambda: turns.spend(seconds), seconds)
-        figures["cpu_percent"] = round(quiet_percent, 2)
+        quiet = _load(process.pid, turns, seconds)
+        figures |= {"cpu_percent": round(quiet.cpu_percent, 2), "cpu_ms_per_tick": round(quiet.cpu_ms_per_tick, 2)}
+        figures["ticks_per_s"] = round(quiet.ticks_per_s, 2)
         if flood:
             turns.flood_per_s = flood
-            flooded_percent = _cpu_percent(process.pid, lambda: turns.spend(seconds), seconds)
+            flooded = _load(process.pid, turns, seconds)
             figures["flood_per_s"] = flood
-            figures["flood_cpu_percent"] = round(flooded_percent - quiet_percent, 2)
+            figures["flood_cpu_percent"] = round(flooded.cpu_percent - quiet.cpu_percent, 2)
             _last_status(notify)
             turns.spend(STATUS_S)
             figures["flood_status"] = _last_status(notify)
@@ -130,7 +134,10 @@ def _growth(allocator: str, neighbors: int, hours: float, warm_up_hours: float) 
     }
 
 
-def _configured(folder: Path, allocator: str, neighbors: int, vehicles: UdpSocket, ports: list[int]) -> Surroundings:
+def _configured(
+    folder: Path, allocator: str, neighbors: int, others: tuple[int, int], ports: list[int]
+) -> Surroundings:
+    """Write the daemon's configuration; `others` are the ports of its vehicle and of its peer."""
     from gatar_edge.commands.init import configuration, make_key
     from gatar_edge.keys import read_key
     from gatar_edge.surroundings import GRID, Surroundings
@@ -144,9 +151,9 @@ def _configured(folder: Path, allocator: str, neighbors: int, vehicles: UdpSocke
         "r_comm": 6.0,
         "altitude_m": 20.0,
         "allocator": allocator,
-        "url": f"udpout:127.0.0.1:{vehicles.port}",
+        "url": f"udpout:127.0.0.1:{others[0]}",
         "listen": f"127.0.0.1:{ports[0]}",
-        "peers": ["127.0.0.1:9"],  # discard
+        "peers": [f"127.0.0.1:{others[1]}"],
         "perception": f"127.0.0.1:{ports[1]}",
         "launch": "auto",
         "http": "",
@@ -170,8 +177,12 @@ def _daemon(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
 
 
 def _first_decision(notify: socket.socket) -> None:
-    while b"READY=1" not in notify.recv(4096):
-        pass
+    """Wait for it. Raises LinkError where it does not come."""
+    try:
+        while b"READY=1" not in notify.recv(4096):
+            pass
+    except TimeoutError as error:
+        raise LinkError(f"the daemon decided nothing within {START_LIMIT_S:g} s: is this machine too busy?") from error
 
 
 def _last_status(notify: socket.socket) -> str:
@@ -185,10 +196,30 @@ def _last_status(notify: socket.socket) -> str:
     return status
 
 
-def _cpu_percent(pid: int, spend: Callable[[], None], seconds: float) -> float:
-    before_s = _cpu_s(pid)
-    spend()
-    return 100 * (_cpu_s(pid) - before_s) / seconds
+@dataclass(frozen=True, slots=True)
+class _Load:
+    cpu_s: float
+    ticks: int
+    seconds: float
+
+    @property
+    def cpu_percent(self) -> float:
+        return 100 * self.cpu_s / self.seconds
+
+    @property
+    def cpu_ms_per_tick(self) -> float:
+        return 1000 * self.cpu_s / max(1, self.ticks)
+
+    @property
+    def ticks_per_s(self) -> float:
+        return self.ticks / self.seconds
+
+
+def _load(pid: int, turns: Turns, seconds: float) -> _Load:
+    """What the process used in the next `seconds`."""
+    cpu_s, ticks, start_s = _cpu_s(pid), turns.ticks, time.monotonic()
+    turns.spend(seconds)
+    return _Load(_cpu_s(pid) - cpu_s, turns.ticks - ticks, time.monotonic() - start_s)
 
 
 def _cpu_s(pid: int) -> float:
