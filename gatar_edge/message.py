@@ -44,7 +44,7 @@ MAX_SPEED_CELLS_S = 0xFF / 16
 _HEAD = struct.Struct(">BBBHIHIhhBhhHhhI")  # t_ms travels as its high 16 and low 32 bits
 _ROUTE = struct.Struct(">BHI")  # hops, robot_id, seq at offset 2
 _DIGEST = struct.Struct(">I")
-_ROUTE_AT, _DIGEST_AT, _SIGNED_BYTES = 2, 30, MESSAGE_BYTES - MAC_BYTES
+_ROUTE_AT, _SEQ_AT, _DIGEST_AT, _SIGNED_BYTES = 2, 5, 30, MESSAGE_BYTES - MAC_BYTES
 _PLANE_BITS = WINDOW_CELLS * WINDOW_CELLS
 _PLANE_MASK = (1 << _PLANE_BITS) - 1
 _WEIGHTS = np.array([1, 2, 4], np.uint8)  # of the three planes
@@ -190,6 +190,11 @@ def sender_of(data: bytes) -> int | None:
 def with_hops(data: bytes, hops: int, key: bytes) -> bytes:
     """The verified message `data` as a relay sends it on: another hop count, signed again."""
     return _sign(data[:_ROUTE_AT] + bytes((hops,)) + data[_ROUTE_AT + 1 : _SIGNED_BYTES], key)
+
+
+def numbered(data: bytes, seq: int, key: bytes) -> bytes:
+    """The message `data` as its author would send it another time: the same news under another sequence number."""
+    return _sign(data[:_SEQ_AT] + seq.to_bytes(4, "big") + data[_SEQ_AT + 4 : _SIGNED_BYTES], key)
 
 
 def wire_cost(cost: float) -> float:
