@@ -15,6 +15,7 @@ COMMANDS = {
     "init": "write the configuration of one vehicle",
     "vehicle": "run the inference daemon of one vehicle",
     "doctor": "check that a vehicle is set up right",
+    "selftest": "prove that this installation decides as it should, without torch",
     "bridge": "look after what is on board of a vehicle",
     "fleet": "show the team live, by listening only",
     "dataset": "make training data with a teacher",

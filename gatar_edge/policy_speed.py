@@ -92,25 +92,20 @@ def _measure_scene(allocator: Gatar, scene: Scene, repeats: int, eager: Eager | 
 
 def eager_network(policy: Policy) -> Eager | None:
     """The same network in torch on one thread, or None where torch or the weights are not there."""
-    weights = policy.path.with_suffix(".safetensors")
     try:
         import torch
-        from safetensors.torch import load_file
 
-        from gatar_edge.export.spec import SingleView
-        from gatar_edge.learn.networks import build
+        from gatar_edge.export.verify import network_of
     except ImportError:
         return None
-    if not weights.is_file():
+    if not policy.path.with_suffix(".safetensors").is_file():
         return None
     torch.set_num_threads(1)
-    network = build(policy.manifest.fields["network"], policy.manifest.fields["settings"])
-    network.load_state_dict(load_file(weights))
-    single = SingleView(network).eval()
+    network = network_of(policy.path, policy).float()
 
     def run(inputs: Inputs) -> object:
         with torch.inference_mode():
-            return single(*(torch.from_numpy(np.ascontiguousarray(inputs[name])) for name in single.inputs))
+            return network(*(torch.from_numpy(np.ascontiguousarray(inputs[name])) for name in network.inputs))
 
     return run
 

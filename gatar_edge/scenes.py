@@ -31,6 +31,7 @@ SIZE = 20  # cells a side: larger than the window, so that targets lie outside i
 UNKNOWN_SHARE = 0.3
 KEY = bytes(range(32))
 EGO = 1
+CONFIG = AgentConfig(grid=GridSpec(SIZE, SIZE))
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +64,7 @@ def tick(agent: Agent, perception: Perception, arrived: tuple[bytes, tuple[bytes
 def make_scene(robots: int, targets: int, seed: int) -> Scene:
     """`robots` in one graph, ego in the middle of them, and so many known targets somewhere on the map."""
     rng = np.random.default_rng([seed, robots, targets])
-    config = AgentConfig(grid=GridSpec(SIZE, SIZE))
+    config = CONFIG
     belief = np.where(random_obstacles(SIZE, SIZE, rng), CellState.OBSTACLE, CellState.FREE).astype(np.uint8)
     centre = np.array([SIZE // 2, SIZE // 2])
     gap = np.stack(np.meshgrid(np.arange(SIZE), np.arange(SIZE), indexing="ij"), axis=-1) - centre
