@@ -23,6 +23,7 @@ COMMANDS = {
     "eval": "compare allocators with the paper and with each other",
     "export": "turn a trained network into one ONNX file",
     "verify": "prove that an ONNX file equals its network",
+    "quantize": "try 8-bit integers: latency, size and decisions side by side",
     "log": "review a mission log",
     "bench": "measure this machine",
 }
