@@ -12,7 +12,6 @@ from gatar_edge.errors import ConfigError
 LOG = "log.jsonl"
 EVERY = 20  # steps that make one line
 MEANS = ("loss", "exact")  # of the line's steps; all else is of its last step
-SMOOTH = 0.9  # of the drawn line; the lines themselves are drawn faintly
 
 
 class Curves:
@@ -98,6 +97,8 @@ def plot(folder: Path, out: Path) -> None:
         axis.legend(loc="upper right" if name == "loss" else "lower right")
     if min(line["loss"] for line in lines) > 0:
         axes[0].set_yscale("log")
+        axes[0].yaxis.set_major_formatter("{x:g}")
+        axes[0].yaxis.set_minor_formatter("{x:g}")
     axes[1].set_ylim(top=1.0)
     axes[-1].set_xlabel("step")
     axes[0].set_title(f"{folder.name}: {steps[-1]} steps, {lines[-1]['seconds'] / 60:.1f} minutes")
@@ -109,10 +110,7 @@ def plot(folder: Path, out: Path) -> None:
 
 
 def _smoothed(values: list[float]) -> list[float]:
-    """Exponential mean, without the pull towards zero of its first values."""
-    mean = weight = 0.0
-    found = []
-    for value in values:
-        mean, weight = SMOOTH * mean + (1 - SMOOTH) * value, SMOOTH * weight + 1 - SMOOTH
-        found.append(mean / weight)
-    return found
+    """Mean over a window in the middle of which each value stands, a twentieth of the run wide."""
+    reach = len(values) // 40 + 1
+    windows = (values[max(0, index - reach) : index + reach + 1] for index in range(len(values)))
+    return [sum(window) / len(window) for window in windows]

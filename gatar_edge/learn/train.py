@@ -28,7 +28,7 @@ from gatar_edge.learn.curves import Curves
 from gatar_edge.learn.loader import Loader
 from gatar_edge.learn.networks import build, settings_of
 from gatar_edge.learn.ranks import ALONE, Ranks
-from gatar_edge.learn.views import IGNORED, Batch, load_groups
+from gatar_edge.learn.views import IGNORED, Batch, batches, load_groups
 
 NEIGHBOUR_WEIGHT = 0.5  # of the rows that are not ego's: they matter when scores are decoded together
 EARLIER_WEIGHT = 0.3  # of the rounds before the last: deep supervision
@@ -123,10 +123,9 @@ class Trainer:
         self.step = 0
         self.seconds = 0.0
         self._claim()
-        # ablations leave parameters unused
-        self._forward: nn.Module = (
-            DistributedDataParallel(self.network, find_unused_parameters=True) if ranks.count > 1 else self.network
-        )
+        self._forward: nn.Module = self.network
+        if ranks.count > 1:
+            self._forward = DistributedDataParallel(self.network, find_unused_parameters=self._leaves_some_unused())
 
     def run(self, report: Callable[[Progress], None], checkpoint_every_s: float = 60.0) -> Path:
         """Train to the end; returns the path of the finished weights."""
@@ -172,6 +171,16 @@ class Trainer:
         judged = batch.labelled & batch.knowable
         exact = float(right[judged].mean()) if judged.any() else 1.0
         return Progress(self.step, float(loss.detach()), exact, min(1.0, self.done), self.seconds, rate)
+
+    def _leaves_some_unused(self) -> bool:
+        """Whether an ablation left parameters without a gradient: ranks would wait for those for ever."""
+        batch = next(batches(self.groups, 2, self.options.seed))
+        inputs = tensors_of(batch, self.network.inputs)  # type: ignore[arg-type]
+        loss = loss_of(self.network(**{name: value.to(self.device) for name, value in inputs.items()}), batch)
+        loss.backward()  # type: ignore[no-untyped-call]
+        unused = any(parameter.grad is None for parameter in self.network.parameters())
+        self.network.zero_grad(set_to_none=True)
+        return unused
 
     def _schedule(self) -> float:
         warm = min(1.0, (self.step + 1) / self.options.warm_up)

@@ -7,7 +7,7 @@ from dataclasses import asdict
 
 import pytest
 import torch
-from learning import options, tiny_run
+from learning import TINY, options, tiny_run
 from safetensors.torch import load_file
 
 from gatar_edge.errors import ConfigError
@@ -37,6 +37,11 @@ def under_torchrun(tmp_path, folder, **changes):
     wanted = json.dumps(asdict(options(ranks=2, **changes)))
     done = subprocess.run([*line, wanted, str(folder)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
+
+
+@pytest.mark.slow
+def test_an_ablation_that_leaves_parameters_unused_does_not_hang(tmp_path):
+    under_torchrun(tmp_path, tmp_path / "run", steps=2, settings={**TINY, "attention": False})
 
 
 @pytest.mark.slow
