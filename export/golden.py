@@ -17,10 +17,10 @@ import torch
 from gatar_edge.allocators.gatar import Gatar
 from gatar_edge.errors import ModelError
 from gatar_edge.export.verify import network_of
-from gatar_edge.features import LENGTH_SCALE_CELLS, Inputs, features
+from gatar_edge.features import LENGTH_SCALE_CELLS, Inputs
 from gatar_edge.manifest import OUTPUTS
 from gatar_edge.policy import Policy, PolicyOutput
-from gatar_edge.scenes import CONFIG, make_scene
+from gatar_edge.scenes import CONFIG, inputs_of, make_scene
 from gatar_edge.selftest import (
     ARRAYS,
     FORMAT_VERSION,
@@ -28,6 +28,7 @@ from gatar_edge.selftest import (
     TEXT,
     Golden,
     decision_of,
+    features_key,
     robot_of,
     sha256,
     view_of,
@@ -92,11 +93,13 @@ def _clear_decision(scene: dict[str, Any], belief: Any, path: Path) -> dict[str,
 
 def _expected(golden: Golden, number: int, paths: list[Path]) -> dict[str, Any]:
     view = view_of(golden, number)
-    inputs = features(view)
     found: dict[str, Any] = {f"{number}/{name}": getattr(view, name) for name in ("targets", "lengths", "hops")}
-    found |= {f"{number}/features/{name}": array for name, array in inputs.items()}
+    for ahead in (False, True):
+        prefix = features_key(number, ahead)
+        found |= {prefix + name: array for name, array in inputs_of(view, ahead).items()}
     for path in paths:
         policy = Policy(path)
+        inputs = inputs_of(view, policy.manifest.looks_ahead)
         for name, array in _in_torch(path, policy, inputs).items():
             gap = float(np.abs(array - getattr(policy.run(inputs), name)).max(initial=0.0))
             if gap > OUTPUT_TOLERANCE:

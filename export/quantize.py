@@ -22,9 +22,9 @@ from gatar_edge import manifest as contract
 from gatar_edge.allocators.gatar import Gatar
 from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.errors import ModelError
-from gatar_edge.features import Inputs, features
+from gatar_edge.features import Inputs
 from gatar_edge.policy import Policy
-from gatar_edge.scenes import CONFIG, make_scene
+from gatar_edge.scenes import CONFIG, inputs_of, make_scene
 from gatar_edge.view import View
 
 # The masks' -1e4 would leave no code for the scores themselves: only the layers that multiply are quantized.
@@ -67,7 +67,10 @@ def quantize(path: Path, out: Path, scenes: int = 30) -> None:
     from onnxruntime.quantization.shape_inference import quant_pre_process
 
     policy = Policy(path)
-    feeds = ({name: inputs[name] for name in policy.manifest.inputs} for _, inputs in states(scenes, CALIBRATION_SEED))
+    feeds = (
+        {name: inputs[name] for name in policy.manifest.inputs}
+        for _, inputs in states(scenes, CALIBRATION_SEED, policy.manifest.looks_ahead)
+    )
 
     class Reader(CalibrationDataReader):  # type: ignore[misc]
         def get_next(self) -> dict[str, Any] | None:
@@ -104,7 +107,7 @@ def compare(path: Path, quantized: Path, scenes: int = 30) -> Comparison:
     pair = [Gatar(each, CONFIG) for each in (path, quantized)]
     same = robots = same_ego = count = 0
     worst = 0.0
-    for view, inputs in states(scenes, JUDGED_SEED):
+    for view, inputs in states(scenes, JUDGED_SEED, pair[0].policy.manifest.looks_ahead):
         ours, theirs = (allocator.allocate(view).choices for allocator in pair)
         same, robots = same + int((ours == theirs).sum()), robots + len(ours)
         same_ego, count = same_ego + int(ours[0] == theirs[0]), count + 1
@@ -115,12 +118,12 @@ def compare(path: Path, quantized: Path, scenes: int = 30) -> Comparison:
     return Comparison(path.name, float_kib, int8_kib, float_us, int8_us, count, same / robots, same_ego / count, worst)
 
 
-def states(scenes: int, first_seed: int) -> Iterator[tuple[View, Inputs]]:
+def states(scenes: int, first_seed: int, ahead: bool) -> Iterator[tuple[View, Inputs]]:
     """Views of scenes, and the network's input for each."""
     for robots, targets in SIZES:
         for seed in range(first_seed, first_seed + scenes):
             view = _view(robots, targets, seed)
-            yield view, features(view)
+            yield view, inputs_of(view, ahead)
 
 
 def _view(robots: int, targets: int, seed: int) -> View:
@@ -136,7 +139,7 @@ def _times(policies: list[Policy]) -> list[dict[str, float]]:
     """Turn by turn, so that both meet the same disturbances."""
     found: list[dict[str, float]] = [{}, {}]
     for robots, targets in SIZES:
-        inputs = features(_view(robots, targets, JUDGED_SEED))
+        inputs = inputs_of(_view(robots, targets, JUDGED_SEED), policies[0].manifest.looks_ahead)
         best = [float("inf"), float("inf")]
         for _ in range(ROUNDS):
             for index, policy in enumerate(policies):

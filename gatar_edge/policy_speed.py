@@ -17,11 +17,10 @@ import numpy as np
 from gatar_edge.allocators.base import in_id_order
 from gatar_edge.allocators.gatar import Gatar, decode
 from gatar_edge.errors import ModelError
-from gatar_edge.features import Inputs, features
-from gatar_edge.grid import UNREACHABLE
+from gatar_edge.features import Inputs
 from gatar_edge.perception import Perception
 from gatar_edge.policy import Policy
-from gatar_edge.scenes import EGO, KEY, SIZE, Scene, make_scene, tick
+from gatar_edge.scenes import EGO, KEY, SIZE, Scene, inputs_of, make_scene, tick
 from gatar_edge.types import NS_PER_S
 
 PARTS = ("view", "features", "policy", "decode", "tick", "torch")
@@ -74,12 +73,13 @@ def _measure_scene(allocator: Gatar, scene: Scene, repeats: int, eager: Eager | 
         if outbox.decision.fallback:
             raise ModelError(f"{policy.path.name}: the model failed on a scene: {outbox.decision.fallback}")
     view = agent.view(now_ns, scene.observation)
-    inputs = features(view)
+    ahead = policy.manifest.looks_ahead
+    inputs = inputs_of(view, ahead)
     output = policy.run(inputs)
-    scores, possible, order = output.scores, view.lengths != UNREACHABLE, in_id_order(view)
+    scores, possible, order = output.scores, inputs["valid"] > 0, in_id_order(view)
     calls: dict[str, Callable[[], object]] = {
         "view": lambda: agent.view(now_ns, scene.observation),
-        "features": lambda: features(view),
+        "features": lambda: inputs_of(view, ahead),
         "policy": lambda: policy.run(inputs),
         "decode": lambda: decode(scores, possible, order),
     }

@@ -13,6 +13,7 @@ from gatar_edge.agent import Agent, Identity, Inbox, Outbox
 from gatar_edge.allocators.base import Allocator
 from gatar_edge.belief import window_at, window_origin
 from gatar_edge.config import AgentConfig
+from gatar_edge.features import Inputs, features
 from gatar_edge.message import NeighborMessage, encode
 from gatar_edge.perception import Perception, encode_observation
 from gatar_edge.sim_sitl.world import random_obstacles
@@ -26,6 +27,7 @@ from gatar_edge.types import (
     RobotKind,
     TaskKind,
 )
+from gatar_edge.view import View, with_absent
 
 SIZE = 20  # cells a side: larger than the window, so that targets lie outside it too
 UNKNOWN_SHARE = 0.3
@@ -54,6 +56,11 @@ class Scene:
         """What reaches the robot between two ticks: the observation, and one message of each neighbour."""
         told = tuple(encode(replace(message, seq=seq), KEY) for message in self.messages)
         return encode_observation(self.observation, self.observation.t_ns), told
+
+
+def inputs_of(view: View, looks_ahead: bool) -> Inputs:
+    """Input of a network for one view, as the learned allocator makes it."""
+    return features(with_absent(view) if looks_ahead else view, with_frontiers=looks_ahead)
 
 
 def tick(agent: Agent, perception: Perception, arrived: tuple[bytes, tuple[bytes, ...]], now_ns: int) -> Outbox:

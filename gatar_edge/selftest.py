@@ -21,11 +21,10 @@ from gatar_edge.agent import Agent, Identity
 from gatar_edge.allocators.gatar import Gatar
 from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.errors import ConfigError
-from gatar_edge.features import features
 from gatar_edge.manifest import OUTPUTS
 from gatar_edge.perception import Perception
 from gatar_edge.policy import MODELS
-from gatar_edge.scenes import CONFIG, EGO, KEY
+from gatar_edge.scenes import CONFIG, EGO, KEY, inputs_of
 from gatar_edge.types import NS_PER_S, Observation, RobotKind
 from gatar_edge.view import View
 
@@ -104,6 +103,11 @@ def view_of(golden: Golden, number: int) -> View:
     return agent.view(NOW_NS, observation)
 
 
+def features_key(number: int, looks_ahead: bool) -> str:
+    """What the names of a scene's features begin with: models that look ahead have more candidates."""
+    return f"{number}/{'ahead' if looks_ahead else 'features'}/"
+
+
 def decision_of(agent: Agent) -> dict[str, Any]:
     """What is compared of a decision."""
     decision = agent.decide(NOW_NS)
@@ -152,8 +156,11 @@ def _lengths(golden: Golden) -> str:
 def _features(golden: Golden) -> str:
     worst = 0.0
     for number in range(len(golden.scenes)):
-        for name, array in features(view_of(golden, number)).items():
-            worst = max(worst, _gap(f"scene {number}, {name}", array, golden.arrays[f"{number}/features/{name}"]))
+        view = view_of(golden, number)
+        for ahead in (False, True):
+            for name, array in inputs_of(view, ahead).items():
+                key = features_key(number, ahead) + name
+                worst = max(worst, _gap(key, array, golden.arrays[key]))
     if worst > FEATURE_TOLERANCE:
         raise ValueError(f"differ by {worst:.1e}, tolerance {FEATURE_TOLERANCE:.0e}")
     return f"largest difference {worst:.1e}, tolerance {FEATURE_TOLERANCE:.0e}"
@@ -167,7 +174,7 @@ def _model(golden: Golden, name: str) -> str:
     allocator = Gatar(golden.folder / name, CONFIG)
     worst = 0.0
     for number, scene in enumerate(golden.scenes):
-        prefix = f"{number}/features/"
+        prefix = features_key(number, allocator.policy.manifest.looks_ahead)
         inputs = {key.removeprefix(prefix): array for key, array in golden.arrays.items() if key.startswith(prefix)}
         output = allocator.policy.run(inputs)
         for part in OUTPUTS:

@@ -16,7 +16,8 @@ import numpy.typing as npt
 
 from gatar_edge.allocators.base import NO_TARGET, Allocation, Allocator
 from gatar_edge.learn.dataset import LONGEST_EPISODE, STEP_DTYPE
-from gatar_edge.learn.episodes import DRIVEN_BY_EXPERT, NO_LABEL, episode
+from gatar_edge.learn.episodes import DRIVEN_BY_EXPERT, NO_LABEL, VOTES, episode
+from gatar_edge.learn.plans import GREEDY
 from gatar_edge.learn.views import Batch, Group, batch_of
 from gatar_edge.sim_sitl.world import VALIDATION_SEEDS, Team, random_world
 from gatar_edge.types import NS_PER_S, RobotKind, RobotState, TaskKind
@@ -94,24 +95,26 @@ def worlds(conditions: Conditions) -> Group:
     """Enough episodes, driven by the expert, in worlds of the test range from `seed` on."""
     team = Team.parse(conditions.team)
     kinds = np.array(team.kinds, dtype=np.int64)
-    parts: list[tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]] = []
+    parts: list[tuple[npt.NDArray[np.uint8], ...]] = []
     count = max(8, -(-conditions.samples // SAMPLES_PER_WORLD))
     labelled = 0
+    robots = len(kinds)
     while len(parts) < count or labelled < conditions.samples:
         seed = (conditions.seed + len(parts)) % TEST_SEEDS
         world = random_world(team, None, conditions.size, conditions.size, seed)
-        beliefs = np.zeros((LONGEST_EPISODE, len(kinds), -(-3 * conditions.size**2 // 8)), dtype=np.uint8)
-        robots = np.zeros((LONGEST_EPISODE, len(kinds), 8), dtype=np.uint8)
+        shapes = ((robots, -(-3 * conditions.size**2 // 8)), (robots, 8), (robots, robots, 3), (robots, VOTES, 3),
+                  (robots, robots))  # fmt: skip
+        arrays = [np.zeros((LONGEST_EPISODE, *shape), dtype=np.uint8) for shape in shapes]
         steps = episode(
             world.obstacles, world.targets.astype(np.int64), np.array(world.starts, dtype=np.int64), kinds,
-            np.ones(len(kinds)), conditions.r_sense, conditions.r_comm, conditions.hop_limit, DRIVEN_BY_EXPERT,
-            seed, beliefs, robots,
+            np.ones(len(kinds)), conditions.r_sense, conditions.r_comm, conditions.hop_limit, 0.0, GREEDY,
+            DRIVEN_BY_EXPERT, seed, *arrays,
         )  # fmt: skip
-        labelled += int((robots[:steps, :, 2] != NO_LABEL).sum())
-        parts.append((beliefs[:steps], robots[:steps]))
-    beliefs, robots = (np.concatenate([part[i] for part in parts]) for i in range(2))
-    r_comm = np.full(len(robots), conditions.r_comm, dtype=STEP_DTYPE["r_comm"])
-    return Group(team, conditions.size, beliefs, robots, r_comm, conditions.hop_limit)
+        labelled += int((arrays[1][:steps, :, 2] != NO_LABEL).sum())
+        parts.append(tuple(array[:steps] for array in arrays))
+    joined = [np.concatenate([part[i] for part in parts]) for i in range(len(shapes))]
+    r_comm = np.full(len(joined[0]), conditions.r_comm, dtype=STEP_DTYPE["r_comm"])
+    return Group(team, conditions.size, *joined, r_comm, conditions.hop_limit)
 
 
 def view_at(batch: Batch, index: int) -> View:

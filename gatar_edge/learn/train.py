@@ -68,18 +68,26 @@ class Progress:
 
 def loss_of(outputs: Any, batch: Batch) -> Tensor:
     """Cross-entropy over the candidates and "no target", of the last round and less of each earlier one."""
-    labels = torch.from_numpy(_usable(batch)).to(outputs.xy.device)
+    device = outputs.xy.device
+    labels = torch.from_numpy(_usable(batch)).to(device)
+    shares = torch.from_numpy(_usable_shares(batch)).to(device)
+    labels[:, 0] = torch.where(shares.sum(dim=-1) > 0, labels[:, 0].clamp(min=0), IGNORED)
     used = labels >= 0
-    weight = torch.full(labels.shape, NEIGHBOUR_WEIGHT, device=labels.device)
+    weight = torch.full(labels.shape, NEIGHBOUR_WEIGHT, device=device)
     weight[:, 0] = 1.0
     weight = weight * used
     total = weight.sum().clamp(min=1.0)
 
     def cross_entropy(scores: Tensor) -> Tensor:
-        each = functional.cross_entropy(scores.float().flatten(0, 1), labels.clamp(min=0).flatten(), reduction="none")
-        return (each.view_as(weight) * weight).sum() / total
+        scores = scores.float()
+        others = functional.cross_entropy(
+            scores[:, 1:].flatten(0, 1), labels[:, 1:].clamp(min=0).flatten(), reduction="none"
+        )
+        ego = functional.cross_entropy(scores[:, 0], shares, reduction="none")
+        each = torch.cat([ego[:, None], others.view(len(ego), -1)], dim=1)
+        return (each * weight).sum() / total
 
-    earlier = sum((cross_entropy(scores) for scores in outputs.rounds), start=torch.zeros((), device=labels.device))
+    earlier = sum((cross_entropy(scores) for scores in outputs.rounds), start=torch.zeros((), device=device))
     return cross_entropy(outputs.scores) + EARLIER_WEIGHT * earlier
 
 
@@ -90,6 +98,14 @@ def _usable(batch: Batch) -> np.ndarray[Any, np.dtype[np.int64]]:
     column = np.clip(labels, 0, valid.shape[2] - 1)
     known = np.take_along_axis(valid, column[..., None], axis=2)[..., 0] > 0
     return np.where((labels < 0) | (labels == valid.shape[2]) | known, labels, IGNORED)
+
+
+def _usable_shares(batch: Batch) -> np.ndarray[Any, np.dtype[np.float32]]:
+    """Ego's shares, without those of candidates that it believes unreachable; all 0 where little is left."""
+    shares: np.ndarray[Any, np.dtype[np.float32]] = batch.shares.copy()
+    shares[:, :-1] *= batch.inputs["valid"][:, 0]
+    total = shares.sum(axis=-1, keepdims=True)
+    return np.where(total > 0.5, shares / np.maximum(total, np.float32(1e-6)), np.float32(0))
 
 
 def tensors_of(batch: Batch, names: Iterable[str]) -> dict[str, Tensor]:
@@ -167,8 +183,8 @@ class Trainer:
         self.optimizer.step()
         self.step += 1
         self.seconds = self.ranks.of_first(self.seconds + time.monotonic() - started)
-        right = outputs.scores[:, 0, :-1].argmax(dim=-1).cpu().numpy() == batch.labels[:, 0]
-        judged = batch.labelled & batch.knowable
+        judged = batch.shares[:, :-1].sum(axis=-1) > 0
+        right = outputs.scores[:, 0, :-1].argmax(dim=-1).cpu().numpy() == batch.shares[:, :-1].argmax(axis=-1)
         exact = float(right[judged].mean()) if judged.any() else 1.0
         return Progress(self.step, float(loss.detach()), exact, min(1.0, self.done), self.seconds, rate)
 
