@@ -288,7 +288,9 @@ def _place_features(view: ViewArrays) -> Floats:
     cells = view.belief.reshape(*view.belief.shape[:-2], size)
     found = ((cells == CellState.TARGET) | (cells == CellState.LOCALIZED)).sum(axis=-1)
     seen = (cells != CellState.UNKNOWN).sum(axis=-1) - (cells == CellState.OBSTACLE).sum(axis=-1)
-    density = (found.astype(np.float32) + np.float32(PRIOR_TARGETS)) / (seen.astype(np.float32) + np.float32(PRIOR_CELLS))
+    density = (found.astype(np.float32) + np.float32(PRIOR_TARGETS)) / (
+        seen.astype(np.float32) + np.float32(PRIOR_CELLS)
+    )
     dark = view.dark.astype(np.float32)
     out = np.empty((*dark.shape, len(PLACE_FEATURES)), dtype=np.float32)
     out[..., 0] = view.dark > 0

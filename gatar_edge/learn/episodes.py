@@ -28,7 +28,6 @@ from gatar_edge.learn.kernels import (
     pack,
     path_lengths,
 )
-
 from gatar_edge.learn.plans import FORESIGHT, GREEDY, list_candidates, plan
 
 Array = npt.NDArray[Any]
@@ -124,7 +123,9 @@ def _choose_goals(
 
 
 @compiled
-def _hear(hops: Array, loss: float, cells: Array, tasks: Array, step: int, ears: Array, heard: Array, last: Array) -> None:
+def _hear(
+    hops: Array, loss: float, cells: Array, tasks: Array, step: int, ears: Array, heard: Array, last: Array
+) -> None:
     """Who hears whom at this step into `ears` (hops, -1 where nothing came), and what is remembered of everybody.
 
     `heard` [N, N] is the step, `last` [N, N, 4] the cell and the goal of the newest message.

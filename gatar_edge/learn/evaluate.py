@@ -25,7 +25,7 @@ from gatar_edge.view import View
 
 TEST_SEEDS = VALIDATION_SEEDS  # seeds below are for tests
 SAMPLES_PER_WORLD = 20  # of about 90: samples of one world are alike
-CHUNK = 256  # views built together
+CHUNK = 64  # views built together
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,23 +67,33 @@ class Score:
     knowable: Distances
 
 
+BatchRule = Callable[[Batch], list[Allocation]]  # decides on all views of a batch at once
+
+
 def evaluate(
     rules: Mapping[str, Allocator],
     conditions: Conditions,
     progress: Callable[[float, str], None] = lambda share, t: None,
+    batch_rules: Mapping[str, BatchRule] | None = None,
 ) -> dict[str, Score]:
-    """Score each rule on the same samples; "gatar_xy" is added where a rule named "gatar" gives x-y."""
+    """Score each rule on the same samples; NAME_xy is added where the rule NAME gives x-y."""
     group = worlds(conditions)
     labelled = np.flatnonzero(group.robots[..., 2].ravel() != NO_LABEL)
     rng = np.random.default_rng(conditions.seed)
     chosen = rng.permutation(labelled)[: conditions.samples]
-    gaps: dict[str, list[float]] = {name: [] for name in (*rules, "gatar_xy")}
+    batch_rules = batch_rules or {}
+    gaps: dict[str, list[float]] = {key: [] for name in (*rules, *batch_rules) for key in (name, f"{name}_xy")}
     knowable: list[bool] = []
     for first in range(0, len(chosen), CHUNK):
         batch = batch_of(group, chosen[first : first + CHUNK])
         knowable.extend(batch.knowable.tolist())
+        together = {name: rule(batch) for name, rule in batch_rules.items()}
         for index in range(len(batch.chosen)):
-            _judge(rules, view_at(batch, index), batch.chosen[index, 2:4].astype(np.float64), gaps)
+            view, wanted = view_at(batch, index), batch.chosen[index, 2:4].astype(np.float64)
+            for name, rule in rules.items():
+                _judge(name, view, rule.allocate(view), wanted, gaps)
+            for name, allocations in together.items():
+                _judge(name, view, allocations[index], wanted, gaps)
         progress(min(1.0, (first + CHUNK) / len(chosen)), f"{len(knowable)} samples")
     known = np.array(knowable)
     return {
@@ -141,13 +151,11 @@ def view_at(batch: Batch, index: int) -> View:
 
 
 def _judge(
-    rules: Mapping[str, Allocator], view: View, wanted: npt.NDArray[np.float64], gaps: dict[str, list[float]]
+    name: str, view: View, allocation: Allocation, wanted: npt.NDArray[np.float64], gaps: dict[str, list[float]]
 ) -> None:
-    for name, rule in rules.items():
-        allocation = rule.allocate(view)
-        gaps[name].append(float(np.hypot(*(_answer(view, allocation) - wanted))))
-        if name == "gatar" and allocation.xy is not None:
-            gaps["gatar_xy"].append(float(np.hypot(*(np.array(allocation.xy) - wanted))))
+    gaps[name].append(float(np.hypot(*(_answer(view, allocation) - wanted))))
+    if allocation.xy is not None:
+        gaps[f"{name}_xy"].append(float(np.hypot(*(np.array(allocation.xy) - wanted))))
 
 
 def _answer(view: View, allocation: Allocation) -> npt.NDArray[np.float64]:

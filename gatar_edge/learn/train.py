@@ -27,6 +27,7 @@ from gatar_edge.errors import ConfigError
 from gatar_edge.learn.curves import Curves
 from gatar_edge.learn.loader import Loader
 from gatar_edge.learn.networks import build, settings_of
+from gatar_edge.learn.networks.paper_shape import XyOutputs
 from gatar_edge.learn.ranks import ALONE, Ranks
 from gatar_edge.learn.views import IGNORED, Batch, batches, load_groups
 
@@ -76,6 +77,8 @@ def loss_of(outputs: Any, batch: Batch) -> Tensor:
     weight = torch.full(labels.shape, NEIGHBOUR_WEIGHT, device=device)
     weight[:, 0] = 1.0
     weight = weight * used
+    if isinstance(outputs, XyOutputs):
+        return outputs.squared_error(labels, weight)
     total = weight.sum().clamp(min=1.0)
 
     def cross_entropy(scores: Tensor) -> Tensor:

@@ -14,7 +14,6 @@ from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.commands._sim import fleet_config
 from gatar_edge.review.reader import LogReader
 from gatar_edge.review.replay import Replay
-from gatar_edge.sim_sitl.fleet_config import FleetConfig
 from gatar_edge.sim_sitl.realtime import UdpSocket, paced
 from gatar_edge.sim_sitl.yard import Yard
 

@@ -90,7 +90,11 @@ class Round(nn.Module):
         self.key = nn.Linear(width + 2, width, bias=False)
         self.value = nn.Linear(width + 2, width)
         self.near = nn.Linear(width + 2, width) if config.tour else None
-        extra = 2 + width * (config.attention + config.summary + config.tour) + config.competition * (4 if config.order else 2)
+        extra = (
+            2
+            + width * (config.attention + config.summary + config.tour)
+            + config.competition * (4 if config.order else 2)
+        )
         self.update = nn.Sequential(nn.Linear(width + extra, 2 * width), nn.ReLU(), nn.Linear(2 * width, width))
 
     def forward(
