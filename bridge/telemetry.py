@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 from gatar_edge.bridge import wire
+from gatar_edge.bridge.dialect import MessageId
 from gatar_edge.bridge.geo import geodetic_to_enu
-from gatar_edge.bridge.wire import MessageId
 from gatar_edge.types import NS_PER_S
 
 NEVER = -1
@@ -67,6 +68,8 @@ class Telemetry:
     @property
     def unknown(self) -> tuple[int, ...]:
         """Ids of the messages that are needed once and have not come."""
+        if self.home is not None and self.origin is not None:
+            return ()
         needed = {MessageId.HOME_POSITION: self.home, MessageId.GPS_GLOBAL_ORIGIN: self.origin}
         return tuple(message_id for message_id, value in needed.items() if value is None)
 
@@ -103,6 +106,7 @@ def near_e7(echo: wire.PositionTarget, point_deg: tuple[float, float]) -> bool:
     return abs(echo.lat_e7 - point_deg[0] * 1e7) <= 10 and abs(echo.lon_e7 - point_deg[1] * 1e7) <= 10
 
 
+@lru_cache(maxsize=1024)  # asked for several times between two positions of a vehicle
 def distance_m(a_deg: tuple[float, float], b_deg: tuple[float, float]) -> float:
     """Horizontal distance between two (lat, lon) pairs of one site."""
     east, north, _ = geodetic_to_enu((*b_deg, 0.0), (*a_deg, 0.0))

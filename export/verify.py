@@ -87,7 +87,7 @@ def verify(
     where file or weights cannot be read at all.
     """
     policy = Policy(path)
-    network = _network(path, policy)
+    network = network_of(path, policy)
     states = decisions = 0
     worst = 0.0
     error = ""
@@ -116,7 +116,8 @@ def all_states() -> Iterator[tuple[int, int, float]]:
         yield 4, candidates, RANGES[candidates % len(RANGES)]
 
 
-def _network(path: Path, policy: Policy) -> SingleView:
+def network_of(path: Path, policy: Policy) -> SingleView:
+    """The network of a model file in double precision, from the weights beside it. Raises ModelError."""
     weights = path.with_suffix(".safetensors")
     fields = policy.manifest.fields
     network = build(fields["network"], fields["settings"])

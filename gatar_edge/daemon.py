@@ -14,7 +14,7 @@ from typing import Literal
 from gatar_edge.agent import Agent
 from gatar_edge.health import Counters, NeighborLine, Shunned, Snapshot, usable
 from gatar_edge.journal import Journal
-from gatar_edge.neighbors import HearOutcome
+from gatar_edge.neighbors import HearOutcome, Neighbor
 from gatar_edge.perception import Perception
 from gatar_edge.persist import SavedState, snapshot
 from gatar_edge.ports import Ports
@@ -131,11 +131,16 @@ class Daemon:
         relays = []
         for data in self._ports.radio.receive():
             heard = self.agent.hear(data, now_ns)
-            if heard.relay is not None:
-                relays.append(heard.relay)
-            if heard.outcome in _STRANGE:
-                self.journal.warning(_STRANGE[heard.outcome], now_ns)
-            if self._ports.log is not None and self._worth_logging(heard.outcome):
+            if heard.outcome in _EFFECTIVE:
+                if heard.relay is not None:
+                    relays.append(heard.relay)
+            else:
+                if heard.outcome in _STRANGE:
+                    self.journal.warning(_STRANGE[heard.outcome], now_ns)
+                self._useless_logged += 1
+                if self._useless_logged > MAX_USELESS_LOGGED:
+                    continue
+            if self._ports.log is not None:
                 self._ports.log.heard(self._robot_id, data, heard.outcome.value, now_ns)
         if relays:
             self._send((), relays, now_ns)
@@ -149,12 +154,6 @@ class Daemon:
                 return False
             self._wakes_ns = self._tick_due_ns = now_ns
         return True
-
-    def _worth_logging(self, outcome: HearOutcome) -> bool:
-        if outcome in _EFFECTIVE:
-            return True
-        self._useless_logged += 1
-        return self._useless_logged <= MAX_USELESS_LOGGED
 
     def _look(self, now_ns: int) -> None:
         for data in self._ports.perception.receive():
@@ -187,7 +186,7 @@ class Daemon:
         if self._ports.saver is not None and now_ns >= self._save_due_ns:
             self._save_due_ns = now_ns + self._settings.save_ns
             self._ports.saver.save_soon(self.state())
-        snapshot = self._snapshot(decision, state, now_ns)
+        snapshot = self._snapshot(decision, state, heard, now_ns)
         self._ports.published(snapshot)
         if now_ns >= self._count_due_ns:
             self._count_due_ns = now_ns + COUNTERS_NS
@@ -234,7 +233,7 @@ class Daemon:
         log.vehicle(self._robot_id, state, now_ns)
         log.belief(self._robot_id, self.agent.belief, self.agent.config.grid, now_ns)
 
-    def _snapshot(self, decision: Decision, state: VehicleState, now_ns: int) -> Snapshot:
+    def _snapshot(self, decision: Decision, state: VehicleState, heard: Sequence[Neighbor], now_ns: int) -> Snapshot:
         age_ns = self.perception.age_ns(now_ns)
         saver, log = self._ports.saver, self._ports.log
         return Snapshot(
@@ -248,7 +247,7 @@ class Daemon:
             task=decision.assignment.kind.name,
             task_cell=decision.assignment.cell,
             reason=decision.assignment.reason.value,
-            neighbors=self._neighbor_lines(decision, now_ns),
+            neighbors=[_neighbor_line(neighbor, now_ns) for neighbor in heard],
             vehicle_connected=state.connected,
             vehicle_ready=state.ready,
             vehicle_mode=state.mode,
@@ -264,20 +263,6 @@ class Daemon:
             counters=self._all_counters(),
         )
 
-    def _neighbor_lines(self, decision: Decision, now_ns: int) -> list[NeighborLine]:
-        return [
-            NeighborLine(
-                n.robot_id,
-                n.message.kind.name,
-                n.message.cell,
-                n.message.task.name,
-                n.message.task_cell,
-                n.age_ns(now_ns) / NS_PER_S,
-                n.hops,
-            )
-            for n in self.agent.neighbors.fresh(now_ns, decision.cell)
-        ]
-
     def _all_counters(self) -> dict[str, int]:
         counters = {name: getattr(self.counters, name) for name in self.counters.__slots__}
         del counters["fallbacks_in_a_row"]  # goes up and down
@@ -285,3 +270,16 @@ class Daemon:
         counters |= {f"{group}_{name}": getattr(of, name) for group, of in groups for name in of.__slots__}
         counters |= {f"heard_{outcome.value}": count for outcome, count in self.agent.neighbors.counters.items()}
         return counters | {f"observation_{outcome.value}": n for outcome, n in self.perception.counters.items()}
+
+
+def _neighbor_line(neighbor: Neighbor, now_ns: int) -> NeighborLine:
+    told = neighbor.message
+    return NeighborLine(
+        told.robot_id,
+        told.kind.name,
+        told.cell,
+        told.task.name,
+        told.task_cell,
+        neighbor.age_ns(now_ns) / NS_PER_S,
+        told.hops,
+    )

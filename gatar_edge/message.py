@@ -44,7 +44,7 @@ MAX_SPEED_CELLS_S = 0xFF / 16
 _HEAD = struct.Struct(">BBBHIHIhhBhhHhhI")  # t_ms travels as its high 16 and low 32 bits
 _ROUTE = struct.Struct(">BHI")  # hops, robot_id, seq at offset 2
 _DIGEST = struct.Struct(">I")
-_ROUTE_AT, _DIGEST_AT, _SIGNED_BYTES = 2, 30, MESSAGE_BYTES - MAC_BYTES
+_ROUTE_AT, _SEQ_AT, _DIGEST_AT, _SIGNED_BYTES = 2, 5, 30, MESSAGE_BYTES - MAC_BYTES
 _PLANE_BITS = WINDOW_CELLS * WINDOW_CELLS
 _PLANE_MASK = (1 << _PLANE_BITS) - 1
 _WEIGHTS = np.array([1, 2, 4], np.uint8)  # of the three planes
@@ -138,6 +138,7 @@ def decode(data: bytes, key: bytes) -> NeighborMessage:
     return unpack(data)
 
 
+@lru_cache(maxsize=512)  # refusals are not remembered; in a simulator every robot in range reads the same message
 def open_envelope(data: bytes, key: bytes) -> Envelope:
     """Verify version, length and signature, and read who sent what; costs no array. Raises MessageError."""
     if not data:
@@ -180,9 +181,20 @@ def unpack(data: bytes) -> NeighborMessage:
     )
 
 
+def sender_of(data: bytes) -> int | None:
+    """Who claims to have written `data`; None where it has not a message's length. Verifies nothing."""
+    return int(_ROUTE.unpack_from(data, _ROUTE_AT)[1]) if len(data) == MESSAGE_BYTES else None
+
+
+@lru_cache(maxsize=512)  # see `open_envelope`: all that relay a message send the same bytes
 def with_hops(data: bytes, hops: int, key: bytes) -> bytes:
     """The verified message `data` as a relay sends it on: another hop count, signed again."""
     return _sign(data[:_ROUTE_AT] + bytes((hops,)) + data[_ROUTE_AT + 1 : _SIGNED_BYTES], key)
+
+
+def numbered(data: bytes, seq: int, key: bytes) -> bytes:
+    """The message `data` as its author would send it another time: the same news under another sequence number."""
+    return _sign(data[:_SEQ_AT] + seq.to_bytes(4, "big") + data[_SEQ_AT + 4 : _SIGNED_BYTES], key)
 
 
 def wire_cost(cost: float) -> float:

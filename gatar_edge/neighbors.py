@@ -13,7 +13,7 @@ from enum import StrEnum
 
 from gatar_edge.errors import ConfigError, MessageError
 from gatar_edge.keys import KEY_BYTES
-from gatar_edge.message import Envelope, NeighborMessage, open_envelope, unpack, with_hops
+from gatar_edge.message import NeighborMessage, open_envelope, unpack, with_hops
 from gatar_edge.types import Cell
 
 MAX_HOPS = 255  # one byte
@@ -43,6 +43,10 @@ class Heard:
     outcome: HearOutcome
     message: NeighborMessage | None = None
     relay: bytes | None = None
+
+
+# The usual answer: most of what is heard is known already.
+_IGNORED = {outcome: Heard(outcome) for outcome in HearOutcome}
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +100,7 @@ class NeighborTable:
         self._authors: dict[int, Neighbor] = {}  # in order of reception, the longest silent first
 
     def hear(self, data: bytes, now_ns: int) -> Heard:
-        """Judge one datagram received at `now_ns`. Duplicates cost one signature check and no unpacking."""
+        """Judge one datagram received at `now_ns`. Copies cost no signature check and no unpacking."""
         heard = self._judge(data, now_ns)
         self.counters[heard.outcome] += 1
         return heard
@@ -128,36 +132,27 @@ class NeighborTable:
 
     def _judge(self, data: bytes, now_ns: int) -> Heard:
         try:
-            envelope = open_envelope(data, self._key)
-            outcome = self._sort(envelope)
-            if outcome is HearOutcome.ACCEPTED:
-                message = unpack(data)
+            robot_id, seq, hops, digest = open_envelope(data, self._key)
+            known = self._authors.get(robot_id)
+            if robot_id == self._robot_id:
+                return _IGNORED[HearOutcome.OWN]
+            if digest != self._config_digest:
+                return _IGNORED[HearOutcome.FOREIGN_CONFIG]
+            if hops >= self._hop_limit:
+                return _IGNORED[HearOutcome.TOO_FAR]
+            if known is None or seq > known.message.seq:
+                outcome, message = HearOutcome.ACCEPTED, unpack(data)
                 self._remember(Neighbor(message, now_ns))
-            elif outcome is HearOutcome.NEARER:
-                known = self._authors[envelope.robot_id]
-                message = replace(known.message, hops=envelope.hops)
-                self._authors[envelope.robot_id] = Neighbor(message, known.heard_ns)  # no younger for it
+            elif seq < known.message.seq:
+                return _IGNORED[HearOutcome.OLDER]
+            elif hops >= known.message.hops:
+                return _IGNORED[HearOutcome.DUPLICATE]
             else:
-                return Heard(outcome)
+                outcome, message = HearOutcome.NEARER, replace(known.message, hops=hops)
+                self._authors[robot_id] = Neighbor(message, known.heard_ns)  # no younger for it
         except MessageError as error:
-            return Heard(HearOutcome(error.cause.value))
-        hops = envelope.hops + 1
-        return Heard(outcome, message, with_hops(data, hops, self._key) if hops < self._hop_limit else None)
-
-    def _sort(self, envelope: Envelope) -> HearOutcome:
-        """What a verified message is to us, by its envelope alone."""
-        if envelope.robot_id == self._robot_id:
-            return HearOutcome.OWN
-        if envelope.config_digest != self._config_digest:
-            return HearOutcome.FOREIGN_CONFIG
-        if envelope.hops >= self._hop_limit:
-            return HearOutcome.TOO_FAR
-        known = self._authors.get(envelope.robot_id)
-        if known is None or envelope.seq > known.message.seq:
-            return HearOutcome.ACCEPTED
-        if envelope.seq < known.message.seq:
-            return HearOutcome.OLDER
-        return HearOutcome.NEARER if envelope.hops < known.hops else HearOutcome.DUPLICATE
+            return _IGNORED[HearOutcome(error.cause.value)]
+        return Heard(outcome, message, with_hops(data, hops + 1, self._key) if hops + 1 < self._hop_limit else None)
 
     def _remember(self, neighbor: Neighbor) -> None:
         self._authors.pop(neighbor.robot_id, None)  # so that the new entry is the last

@@ -17,7 +17,7 @@ from gatar_edge.agent import Agent, Memory
 from gatar_edge.config import AgentConfig
 from gatar_edge.errors import LogError, MessageError
 from gatar_edge.keys import KEY_BYTES
-from gatar_edge.message import MAC_BYTES, encode, unpack
+from gatar_edge.message import MAC_BYTES, encode, sender_of, unpack
 from gatar_edge.neighbors import Neighbor
 from gatar_edge.persist import SavedState, snapshot
 from gatar_edge.talk import author_of
@@ -51,9 +51,10 @@ class RadioBuffer:
 
     def sent(self, datagram: bytes, now_ns: int) -> None:
         """One datagram that was sent: own, or another robot's passed on."""
-        item = radio_item(datagram, ch.RadioWay.SENT, "", now_ns, keep=True)
-        if item.author == self.robot_id:
-            self.items.append(item)
+        talk = author_of(datagram)
+        author = talk[0] if talk is not None else sender_of(datagram)
+        if author == self.robot_id:
+            self.items.append(radio_item(datagram, ch.RadioWay.SENT, "", now_ns, keep=True))
         else:
             self.relayed += 1
             self.relayed_bytes += len(datagram)
@@ -90,21 +91,21 @@ def radio_item(datagram: bytes, way: ch.RadioWay, outcome: str, now_ns: int, kee
     if talk is not None:
         return ch.RadioItem(now_ns, way, outcome, author=talk[0], seq=talk[1], talk=True, size=len(datagram), data=data)
     try:
-        message = unpack(datagram)
+        told = unpack(datagram)
     except (MessageError, struct.error) as error:
         return ch.RadioItem(now_ns, way, outcome or type(error).__name__, size=len(datagram))
     return ch.RadioItem(
         t_ns=now_ns,
         way=way,
         outcome=outcome,
-        author=message.robot_id,
-        seq=message.seq,
-        hops=message.hops,
-        sent_ms=message.t_ms,
-        cell=message.cell,
-        task=message.task,
-        task_cell=message.task_cell,
-        cost=message.cost,
+        author=told.robot_id,
+        seq=told.seq,
+        hops=told.hops,
+        sent_ms=told.t_ms,
+        cell=told.cell,
+        task=told.task,
+        task_cell=told.task_cell,
+        cost=told.cost,
         size=len(datagram),
         data=data,
     )

@@ -21,6 +21,7 @@ from gatar_edge.driver_memory import NOTHING
 from gatar_edge.foxglove import Level
 from gatar_edge.health import Snapshot
 from gatar_edge.journal import Journal
+from gatar_edge.notify import Notifier
 from gatar_edge.perception import Perception
 from gatar_edge.perception_link import PerceptionSocket
 from gatar_edge.persist import StateSaver, restore
@@ -36,7 +37,6 @@ from gatar_edge.transports.udp import UdpTransport
 from gatar_edge.types import NS_PER_S
 from gatar_edge.vehicle_config import VehicleConfig
 from gatar_edge.vehicle_port import AutopilotPort
-from gatar_edge.watch import HttpWatch, Notifier
 
 Clock = Callable[[], int]
 # After the first datagram wait this long for more: twelve neighbours that relay each other come in bursts, and waking
@@ -66,10 +66,12 @@ class Waiter:
         for number in wanted:  # again also where known: the number may now be another socket's
             self._poll.register(number, select.POLLIN)
         self._registered = wanted
-        if self._poll.poll(max(0, duration_ns) / 1e6) and duration_ns > GATHER_NS:
+        ready = self._poll.poll(max(0, duration_ns) / 1e6)
+        if ready and duration_ns > GATHER_NS:
             time.sleep(GATHER_NS / NS_PER_S)
-        with contextlib.suppress(BlockingIOError):
-            self._woken.recv(64)
+        if any(number == self._woken.fileno() for number, _ in ready):
+            with contextlib.suppress(BlockingIOError):
+                self._woken.recv(64)
 
     def wake(self) -> None:
         """End the wait; may be called from a signal handler."""
@@ -166,6 +168,8 @@ def opened(prepared: Prepared, clock_ns: Clock, *, dry_run: bool) -> Iterator[Pr
         notifier = Notifier()
         watchers = [notifier.published]
         if config.watch.http:
+            from gatar_edge.watch import HttpWatch  # 7 MB that a daemon without it does not need
+
             http = HttpWatch(config.watch.http, clock_ns)
             stack.callback(http.close)
             watchers.append(http.published)

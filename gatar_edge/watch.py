@@ -1,4 +1,4 @@
-"""Being watched: the service manager's notifications, and /healthz and /metrics on loopback.
+"""Being watched over HTTP: /healthz and /metrics on loopback.
 
 The loop publishes a snapshot a tick. HTTP is answered in a thread of its own, so that a hung loop can still be seen:
 /healthz then says for how long there has been no tick.
@@ -6,12 +6,9 @@ The loop publishes a snapshot a tick. HTTP is answered in a thread of its own, s
 
 from __future__ import annotations
 
-import contextlib
 import http.server
-import os
-import socket
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -23,40 +20,7 @@ from gatar_edge.transports.udp import parse_address
 from gatar_edge.types import NS_PER_S
 
 HUNG_NS = 2 * NS_PER_S  # without a tick
-STATUS_NS = NS_PER_S
 METRICS_HINT = "metrics need prometheus-client, which is not installed: pip install 'gatar-edge[metrics]'\n"
-
-
-class Notifier:
-    """sd_notify(3): READY=1 after the first tick, WATCHDOG=1 with each, STATUS= once a second; silent elsewhere."""
-
-    def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
-        address = environment.get("NOTIFY_SOCKET", "")
-        self._address = "\0" + address[1:] if address.startswith("@") else address  # @: an abstract socket
-        self._ready = False
-        self._status_ns: int | None = None
-
-    def published(self, snapshot: Snapshot) -> None:
-        """Tell the service manager that a tick has been done."""
-        lines = ["WATCHDOG=1"]
-        if not self._ready:
-            lines.append("READY=1")
-            self._ready = True
-        if self._status_ns is None or snapshot.t_ns - self._status_ns >= STATUS_NS:
-            lines.append("STATUS=" + snapshot.line)
-            self._status_ns = snapshot.t_ns
-        self._send(lines)
-
-    def stopping(self) -> None:
-        """Tell that the end has begun."""
-        self._send(["STOPPING=1", "STATUS=stopping"])
-
-    def _send(self, lines: list[str]) -> None:
-        if not self._address:
-            return
-        with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
-            sender.setblocking(False)  # a manager that does not read must not hold up the robot
-            sender.sendto("\n".join(lines).encode(), self._address)
 
 
 class HttpWatch:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from gatar_edge.perception import encode_observation
 from gatar_edge.sim_sitl.body import Body
-from gatar_edge.sim_sitl.fleet import FleetConfig
+from gatar_edge.sim_sitl.fleet_config import FleetConfig
 from gatar_edge.sim_sitl.radio import Radio
 from gatar_edge.sim_sitl.realtime import UdpSocket
 from gatar_edge.sim_sitl.tally import Result, Tally
@@ -33,6 +33,7 @@ class Sockets:
     radio: UdpSocket  # where daemons send what is meant for their neighbours
     eyes: Mapping[int, Address]  # where each daemon takes observations
     ears: Mapping[int, Address]  # where each daemon hears, and sends from
+    listener: Address | None = None  # told all that daemons send, without the radio's faults
 
 
 class Yard:
@@ -97,6 +98,8 @@ class Yard:
             robot_id = self._by_ear.get(sender)
             if robot_id is not None:
                 self.tally.sent(datagram)
+                if self._sockets.listener is not None:
+                    self._sockets.radio.send_to(datagram, self._sockets.listener)
                 self._radio.send(now_ns, robot_id, datagram, positions)
         for receiver, datagram in self._radio.deliver(now_ns):
             self._sockets.radio.send_to(datagram, self._sockets.ears[receiver])

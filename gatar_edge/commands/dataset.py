@@ -35,6 +35,9 @@ from gatar_edge.commands._learn import bar, need
 @click.option(
     "--workers", type=click.IntRange(1, 256), default=1, show_default=True, help="Processes; changes nothing else."
 )
+@click.option(
+    "--scheduler", default="", metavar="tcp://HOST:PORT", help="Of a Dask cluster whose workers make the data."
+)
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True)
 def command(
     teams: tuple[str, ...],
@@ -46,6 +49,7 @@ def command(
     samples: int,
     seed: int,
     workers: int,
+    scheduler: str,
     out: Path,
 ) -> None:
     """Make training data: episodes labelled by a teacher.
@@ -56,11 +60,14 @@ def command(
     Example:
       gatar dataset --team 6A6G --team 3A3G --r-comm 6 --r-comm 3 --samples 300000 --out data/greedy
       gatar dataset --teacher foresight --team 3A3G --size 15 --size 24 --samples 100000 --out data/field
+      gatar dataset --samples 1500000 --scheduler tcp://10.0.0.1:8786 --out data/greedy
     """
     need("gatar dataset", "numba")
+    if scheduler:
+        need("gatar dataset --scheduler", "distributed", extra="cluster")
     from gatar_edge.learn.dataset import DataOptions, generate
 
     options = DataOptions(teams, sizes, r_comms, samples, seed, r_senses, teacher=teacher, losses=losses)
     with bar("dataset", "robot-steps") as show:
-        manifest = generate(options, out, workers, lambda done, of: show(done / of, f"{done:,}"))
+        manifest = generate(options, out, workers, lambda done, of: show(done / of, f"{done:,}"), scheduler)
     click.echo(f"{manifest['samples']:,} robot-steps in {len(manifest['shards'])} shards: {out}")

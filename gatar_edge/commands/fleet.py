@@ -106,11 +106,13 @@ def table(rows: list[TeamRow], view: TeamView) -> Table:
     """The rows for people."""
     from rich.table import Table
 
-    teams = {row.team for row in rows}
-    note = "" if len(teams) <= 1 else f"; {len(teams)} CONFIGURATIONS DIFFER, such robots do not hear each other"
-    shown = Table(
-        title=f"{len(rows)} robots{note}", caption=f"{view.refused} refused, {view.repeated} repeated datagrams"
-    )
+    teams, silent = {row.team for row in rows}, sum(map(_silent, rows))
+    title = f"{len(rows)} robot" if len(rows) == 1 else f"{len(rows)} robots"
+    if silent:
+        title += f", {silent} silent"
+    if len(teams) > 1:
+        title += f"; {len(teams)} CONFIGURATIONS DIFFER, such robots do not hear each other"
+    shown = Table(title=title, caption=f"{view.refused} refused, {view.repeated} repeated datagrams")
     for name in ("robot", "cell", "task", "way", "age", "hops", "loss", "rate", "team"):
         shown.add_column(name, justify="left" if name in {"robot", "task", "team"} else "right")
     for row in rows:
@@ -118,18 +120,24 @@ def table(rows: list[TeamRow], view: TeamView) -> Table:
             f"{row.kind} {row.robot_id}",
             _cell(row.cell),
             _task(row),
-            f"{row.cost:.0f}",
+            f"{row.cost:.0f}" if row.moves and row.task != "HOLD" else "-",
             f"{row.age_s:.1f} s",
             str(row.hops),
             f"{row.loss:.0%}",
-            f"{row.rate_hz:.1f} Hz",
+            "-" if _silent(row) else f"{row.rate_hz:.1f} Hz",
             row.team,
-            style="red" if row.age_s > SILENT_S else None,
+            style="red" if _silent(row) else None,
         )
     return shown
 
 
+def _silent(row: TeamRow) -> bool:
+    return row.age_s > SILENT_S
+
+
 def _task(row: TeamRow) -> str:
+    if _silent(row):
+        return "silent"
     if not row.moves:
         return "stands still"
     return "hold" if row.task == "HOLD" else f"{row.task.lower()} {_cell(row.task_cell)}"

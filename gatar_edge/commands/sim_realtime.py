@@ -11,13 +11,15 @@ import click
 from gatar_edge.errors import LinkError
 
 if TYPE_CHECKING:
-    from gatar_edge.sim_sitl.fleet import Fleet, FleetConfig
+    from gatar_edge.sim_sitl.fleet import Fleet
+    from gatar_edge.sim_sitl.fleet_config import FleetConfig
     from gatar_edge.sim_sitl.realtime import UdpSocket
     from gatar_edge.sim_sitl.tally import Result
     from gatar_edge.sim_sitl.yard import Yard
 
 HOST = "127.0.0.1"
 EYES_OFFSET = 100  # daemon i hears at the base port + i, and looks at that + 100
+LISTENER_OFFSET = 99  # `gatar fleet` hears at the base port + 99: a team has at most 64 robots
 SLICE_S = 0.05
 
 
@@ -74,11 +76,13 @@ def _with_daemons(
         click.echo("Now start the minds, each in a shell of its own or in the background:", err=True)
         for path in paths:
             click.echo(f"  gatar vehicle --config {path}", err=True)
+        click.echo("and, to see the team:", err=True)
+        click.echo(f"  gatar fleet --key {folder / 'team.key'} --listen {HOST}:{base_port + LISTENER_OFFSET}", err=True)
     ids = config.world.team.ids
     with contextlib.closing(UdpSocket(f"{HOST}:{base_port}")) as radio:
         eyes = {robot_id: (HOST, base_port + EYES_OFFSET + robot_id) for robot_id in ids}
         ears = {robot_id: (HOST, base_port + robot_id) for robot_id in ids}
-        yard = Yard(config, Sockets(vehicles, radio, eyes, ears))
+        yard = Yard(config, Sockets(vehicles, radio, eyes, ears, (HOST, base_port + LISTENER_OFFSET)))
         _run(yard, speed_factor, quiet)
         return yard.result()
 

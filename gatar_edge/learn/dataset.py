@@ -23,8 +23,10 @@ import shutil
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import wait
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -132,40 +134,63 @@ def make_shard(options: DataOptions, number: int) -> tuple[Any, ...]:
 
 def write_shard(options: DataOptions, number: int, folder: Path) -> dict[str, Any]:
     """Make shard `number` under `folder` unless it is there whole; returns its entry in the manifest."""
-    place = folder / f"shard-{number:05d}"
+    return stored(number, folder) or store(options, number, folder, make_shard(options, number))
+
+
+def stored(number: int, folder: Path) -> dict[str, Any] | None:
+    """The entry of a shard that is there whole."""
+    place = folder / _name(number)
     note = place / "shard.json"
     if note.is_file():
         entry: dict[str, Any] = json.loads(note.read_text())
         if all((place / name).is_file() and _sha256(place / name) == entry["sha256"][name] for name in FILES):
             return entry
+    return None
+
+
+def store(options: DataOptions, number: int, folder: Path, arrays: tuple[Any, ...]) -> dict[str, Any]:
+    """Write the arrays of a shard, whole or not at all; returns its entry."""
+    place = folder / _name(number)
     work = folder / f".{place.name}-{os.getpid()}"
     work.mkdir(parents=True, exist_ok=True)
     team, size = options.shard_kind(number)
-    for name, array in zip(FILES, make_shard(options, number), strict=True):
+    for name, array in zip(FILES, arrays, strict=True):
         np.save(work / name, array)
     entry = {
         "name": place.name, "team": str(team), "size": size, "steps": STEPS, "samples": STEPS * len(team.kinds),
         "sha256": {name: _sha256(work / name) for name in FILES},
     }  # fmt: skip
-    (work / note.name).write_text(json.dumps(entry))
+    (work / "shard.json").write_text(json.dumps(entry))
     shutil.rmtree(place, ignore_errors=True)
     work.rename(place)
     return entry
 
 
 def generate(
-    options: DataOptions, folder: Path, workers: int, progress: Callable[[int, int], None] = lambda done, of: None
+    options: DataOptions,
+    folder: Path,
+    workers: int,
+    progress: Callable[[int, int], None] = lambda done, of: None,
+    scheduler: str = "",
 ) -> dict[str, Any]:
     """Make all shards of a data set and its manifest; goes on where an earlier call was cut off.
 
-    Raises ConfigError where `folder` holds a data set of other options.
+    With `scheduler`, the address of a Dask cluster, its workers make the shards and this process writes them, so that
+    they need no common file system. Raises ConfigError where `folder` holds a data set of other options, and LinkError
+    where the cluster cannot be reached.
     """
     numbers = options.checked().shard_numbers()
     description = json.loads(json.dumps({"format": FORMAT_VERSION, "options": asdict(options)}))
     _claim(folder, description)
     entries: dict[int, dict[str, Any]] = {}
     total = 0
-    for number, entry in _entries(options, numbers, folder, workers):
+    if scheduler:
+        from gatar_edge.learn.cluster import entries_from
+
+        source = entries_from(scheduler, options, numbers, folder)
+    else:
+        source = _entries(options, numbers, folder, workers)
+    for number, entry in source:
         entries[number] = entry
         total += entry["samples"]
         progress(total, options.samples)
@@ -183,10 +208,23 @@ def _entries(
         for number in numbers:
             yield number, write_shard(options, number, folder)
         return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=end_with_parent) as pool:
         jobs = {pool.submit(write_shard, options, number, folder): number for number in numbers}
         for job in as_completed(jobs):
             yield jobs[job], job.result()
+
+
+def end_with_parent() -> None:
+    """End this worker process when its parent was killed: a pool's workers would wait for work for ever."""
+    parent = parent_process()
+    if parent is None:
+        return
+
+    def watch(sentinel: int) -> None:
+        wait([sentinel])
+        os._exit(1)
+
+    Thread(target=watch, args=(parent.sentinel,), daemon=True).start()
 
 
 def _claim(folder: Path, description: dict[str, Any]) -> None:
@@ -211,6 +249,10 @@ def load_manifest(folder: Path) -> dict[str, Any]:
     if manifest.get("format") != FORMAT_VERSION:
         raise ConfigError(f"{folder}: data format {manifest.get('format')}, this version reads {FORMAT_VERSION}")
     return manifest
+
+
+def _name(number: int) -> str:
+    return f"shard-{number:05d}"
 
 
 def _replace(path: Path, text: str) -> None:

@@ -28,7 +28,6 @@ from gatar_edge.learn.kernels import (
     pack,
     path_lengths,
 )
-
 from gatar_edge.learn.plans import FORESIGHT, GREEDY, list_candidates, plan
 
 Array = npt.NDArray[Any]

@@ -33,7 +33,7 @@ def test_the_compiled_field_of_view_is_tcods(kind, r_sense):
 
 
 @pytest.mark.parametrize("kind", RobotKind)
-def test_the_compiled_path_lengths_are_tcods(kind):
+def test_the_compiled_path_lengths_are_those_of_the_robot(kind):
     for obstacles, cell, _ in maps(100):
         belief = np.where(obstacles, CellState.OBSTACLE, CellState.FREE).astype(np.uint8)
         lengths = np.zeros(obstacles.shape, dtype=np.int32)

@@ -3,33 +3,16 @@
 from __future__ import annotations
 
 import select
-import socket
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+from zenoh_peers import endpoint, until
 
 from gatar_edge.errors import ConfigError, LinkError, MissingExtraError
 from gatar_edge.transports.zenoh import ZenohTransport
-
-TIMEOUT_S = 30
-
-
-def endpoint() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-
-
-def until(condition: Callable[[], bool]) -> None:
-    """Wait for other threads; far longer than it ever takes before it counts as failed."""
-    end_s = time.monotonic() + TIMEOUT_S
-    while not condition():
-        assert time.monotonic() < end_s, "nothing happened"
-        time.sleep(0.005)
 
 
 @pytest.fixture

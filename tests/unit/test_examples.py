@@ -8,9 +8,12 @@ import socket
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
+from gatar_edge.commands.init import command as init
 from gatar_edge.perception import ObservationOutcome, Perception, decode_datagram
 from gatar_edge.types import GridSpec, RobotKind
+from gatar_edge.vehicle_config import read_config
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -34,6 +37,18 @@ def test_the_adapters_print_a_good_datagram(
     runpy.run_path(str(EXAMPLES / "perception_adapters.py"), run_name="__main__")
     printed = capsys.readouterr().out
     assert decode_datagram(printed.encode()).obstacles == [tuple(cell) for cell in json.loads(printed)["obstacles"]]
+
+
+def test_the_eyes_of_a_simulated_vehicle_leave_its_place_to_the_autopilot(tmp_path: Path) -> None:
+    path = tmp_path / "vehicle.toml"
+    arguments = ["--config", str(path), "--id", "7", "--kind", "UGV", "--origin", "47,8", "--url", "udpin:127.0.0.1:1"]
+    assert CliRunner().invoke(init, arguments).exit_code == 0
+    eyes = runpy.run_path(str(EXAMPLES / "sitl_eyes.py"))
+    judge = Perception(7, RobotKind.UGV, GridSpec())
+    blind, seeing = (eyes["look"](read_config(path), cell, 1) for cell in ((-1, -1), (4, 5)))
+    assert judge.take(blind, 0, (4, 5)).seen.size == 0
+    assert [4, 5] in judge.take(seeing, 1, (4, 5)).seen.tolist()
+    assert eyes["cell_of"]("127.0.0.1:1") == (-1, -1)  # nobody there
 
 
 def test_the_service_is_hardened_and_watched() -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import itertools
+from collections import deque
 
 import numpy as np
 import pytest
 from builders import belief_of
 
 from gatar_edge.grid import UNREACHABLE, as_cells, field_of_view, passable, path_lengths, path_to
+from gatar_edge.soak import resident_mb
 from gatar_edge.types import RobotKind
 
 WALL = belief_of(
@@ -26,6 +28,40 @@ def test_a_ground_robot_drives_round_a_wall_that_an_aerial_robot_crosses() -> No
     ground = path_lengths(RobotKind.UGV, (0, 4), passable(RobotKind.UGV, WALL))
     aerial = path_lengths(RobotKind.UAV, (0, 4), passable(RobotKind.UAV, WALL))
     assert (ground[4, 4], aerial[4, 4]) == (12, 4)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_driving_lengths_are_those_of_a_plain_breadth_first_search(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    width, height = (int(side) for side in rng.integers(1, 40, 2))
+    free = rng.random((width, height)) < 0.7
+    start = int(rng.integers(width)), int(rng.integers(height))
+    expected = np.full(free.shape, UNREACHABLE)
+    expected[start] = 0
+    waiting = deque([start])
+    while waiting:
+        x, y = waiting.popleft()
+        for cell in ((x + 1, y), (x - 1, y), (x, y + 1), (x, y - 1)):
+            inside = 0 <= cell[0] < width and 0 <= cell[1] < height
+            if inside and free[cell] and expected[cell] == UNREACHABLE:
+                expected[cell] = expected[x, y] + 1
+                waiting.append(cell)
+    lengths = path_lengths(RobotKind.UGV, start, free)
+    assert np.array_equal(lengths, expected)
+    assert (lengths.dtype, lengths.flags.writeable) == (np.int32, False)
+
+
+def test_the_ways_on_thousands_of_maps_leave_no_memory_behind() -> None:
+    def search(maps: int) -> None:
+        for number in range(maps):
+            free = np.ones((15, 15), dtype=np.bool_)
+            free.reshape(-1)[1:17] = [number >> bit & 1 for bit in range(16)]
+            path_lengths(RobotKind.UGV, (7, 7), free)
+
+    search(2000)  # fills the cache
+    before = resident_mb()
+    search(6000)
+    assert resident_mb() - before < 6  # a leak of 4 KB a call would be 23
 
 
 def test_a_cell_behind_a_closed_wall_is_unreachable_on_the_ground() -> None:

@@ -57,10 +57,22 @@ def test_forged_messages_make_no_robot() -> None:
 def test_the_table_warns_of_robots_that_cannot_hear_each_other() -> None:
     view = TeamView(DEMO_KEY)
     view.hear(messages(3, 1)[0], 0)
-    assert table(view.rows(0), view).title == "1 robots"
+    assert table(view.rows(0), view).title == "1 robot"
     rows = view.rows(0)
     other = type(rows[0])(**{name: getattr(rows[0], name) for name in rows[0].__struct_fields__} | {"team": "other"})
     assert "CONFIGURATIONS DIFFER" in str(table([rows[0], other], view).title)
+
+
+def test_the_table_tells_a_robot_that_fell_silent_from_one_that_is_there() -> None:
+    view = TeamView(DEMO_KEY)
+    for robot_id, heard_ns in ((3, 0), (4, 5 * NS_PER_S)):
+        for data in messages(robot_id, 6):
+            view.hear(data, heard_ns)
+    shown = table(view.rows(6 * NS_PER_S), view)
+    assert shown.title == "2 robots, 1 silent"
+    columns = {str(column.header): list(column.cells) for column in shown.columns}
+    assert (columns["task"][0], columns["rate"][0], shown.rows[0].style) == ("silent", "-", "red")
+    assert (columns["task"][1], shown.rows[1].style) == ("target 5,5", None)
 
 
 def test_the_command_prints_the_team_it_hears_as_json(tmp_path: Path) -> None:

@@ -1,6 +1,10 @@
 """The training loop: it learns, repeats itself, and goes on where it was cut off."""
 
 import json
+import signal
+import subprocess
+import sys
+from dataclasses import asdict
 from itertools import islice
 
 import pytest
@@ -65,6 +69,23 @@ def test_a_run_that_was_cut_off_ends_with_the_weights_of_one_that_was_not(tmp_pa
     assert same(again.run(lambda progress: None), tiny_run() / "model.safetensors")
 
 
+def test_a_run_that_was_killed_ends_with_the_weights_of_one_that_was_not(tmp_path):
+    program = (
+        "import json, os, signal, sys\n"
+        "from pathlib import Path\n"
+        "from gatar_edge.learn.train import Trainer, TrainOptions\n"
+        "def report(progress):\n"
+        "    if progress.step == 7:\n"
+        "        os.kill(os.getpid(), signal.SIGKILL)\n"
+        "Trainer(TrainOptions(**json.loads(sys.argv[1])), Path(sys.argv[2])).run(report, checkpoint_every_s=0.0)\n"
+    )
+    line = [sys.executable, "-c", program, json.dumps(asdict(options())), str(tmp_path)]
+    assert subprocess.run(line, check=False).returncode == -signal.SIGKILL
+    again = Trainer(options(), tmp_path)
+    assert 0 < again.step < 12
+    assert same(again.run(lambda progress: None), tiny_run() / "model.safetensors")
+
+
 def test_the_folder_of_another_run_is_refused(tmp_path):
     Trainer(options(), tmp_path)
     with pytest.raises(ConfigError, match="another run"):
@@ -76,6 +97,17 @@ def test_a_run_needs_exactly_one_end(tmp_path):
         Trainer(options(steps=0), tmp_path)
     with pytest.raises(ConfigError, match="minutes or steps"):
         Trainer(options(minutes=1.0), tmp_path)
+
+
+def test_a_run_of_two_ranks_is_not_started_by_one(tmp_path):
+    with pytest.raises(ConfigError, match="2 ranks was started with 1"):
+        Trainer(options(ranks=2), tmp_path)
+
+
+def test_bf16_learns_other_weights_that_are_finite(tmp_path):
+    weights = Trainer(options(bf16=True), tmp_path).run(lambda progress: None)
+    assert not same(weights, tiny_run() / "model.safetensors")
+    assert all(torch.isfinite(tensor).all() for tensor in load_file(weights).values())
 
 
 def test_a_run_by_the_clock_ends(tmp_path):
@@ -94,8 +126,9 @@ def test_a_finished_run_says_what_it_is():
     assert not network.training
     assert description["parameters"] == sum(p.numel() for p in network.parameters())
     assert description["train"]["steps"] == 12
-    lines = (tiny_run() / "log.jsonl").read_text().splitlines()
-    assert all(json.loads(line)["loss"] > 0 for line in lines)
+    lines = [json.loads(line) for line in (tiny_run() / "log.jsonl").read_text().splitlines()]
+    assert [line["step"] for line in lines] == [12]
+    assert lines[0]["loss"] > 0
 
 
 @pytest.mark.parametrize(("name", "settings"), [("other", {}), ("gatar", {"breadth": 3})])

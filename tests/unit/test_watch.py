@@ -14,8 +14,9 @@ from fake_ports import Rig
 
 from gatar_edge.errors import LinkError
 from gatar_edge.health import Snapshot
+from gatar_edge.notify import Notifier
 from gatar_edge.types import NS_PER_S
-from gatar_edge.watch import HttpWatch, Notifier
+from gatar_edge.watch import HttpWatch
 
 
 @pytest.fixture
