@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gatar_edge.bridge.wire import Address, CommandAck, CommandInt, CommandLong, CommandResult, Message
+from gatar_edge.bridge.dialect import CommandResult
+from gatar_edge.bridge.wire import Address, CommandAck, CommandInt, CommandLong, Message
 from gatar_edge.types import NS_PER_S
 
 RETRY_NS = NS_PER_S

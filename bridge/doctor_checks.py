@@ -6,8 +6,9 @@ import math
 from collections.abc import Collection
 from statistics import median
 
-from gatar_edge.bridge import wire
+from gatar_edge.bridge import dialect
 from gatar_edge.bridge.companion_loss import Situation, companion_loss
+from gatar_edge.bridge.dialect import MessageId
 from gatar_edge.bridge.geo import wgs84_to_grid_m
 from gatar_edge.bridge.own_fence import OwnFence, own_fence
 from gatar_edge.bridge.profiles import Profile
@@ -15,7 +16,7 @@ from gatar_edge.bridge.rates import ENOUGH, WANTED_HZ
 from gatar_edge.bridge.settings import DriverConfig
 from gatar_edge.bridge.survey import Facts
 from gatar_edge.bridge.verdict import Finding, fail, ok, warn
-from gatar_edge.bridge.wire import Address, MessageId
+from gatar_edge.bridge.wire import Address
 from gatar_edge.types import NS_PER_S, RobotKind
 
 COMPANION_COMPID = 191
@@ -30,7 +31,7 @@ MUST_HAVE = {4: "MISSION_INT", 8: "COMMAND_INT"}  # MAV_PROTOCOL_CAPABILITY
 _RELEASES = {0: "development", 64: "alpha", 128: "beta", 192: "candidate", 255: "release"}
 _NO_MISSION = (0, 65535)
 MAX_NAMED = 6
-_KINDS = {wire.TYPE_GCS: "ground station", wire.TYPE_ONBOARD_CONTROLLER: "companion", 2: "copter", 10: "rover"}
+_KINDS = {dialect.TYPE_GCS: "ground station", dialect.TYPE_ONBOARD_CONTROLLER: "companion", 2: "copter", 10: "rover"}
 
 
 def check_heartbeat(facts: Facts) -> Finding:

@@ -10,28 +10,30 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from gatar_edge.bridge import wire
+import msgspec
+
+from gatar_edge.bridge import dialect, wire
 from gatar_edge.bridge.codec import Codec, strip_signature
 from gatar_edge.bridge.geo import Point, inside_grid, is_rest, wgs84_to_grid_m
 from gatar_edge.bridge.heartbeat import Heart
 from gatar_edge.bridge.launch import Phase
 from gatar_edge.bridge.profiles import Unsupported, choose
-from gatar_edge.bridge.safety import GOAL_REFUSALS, Known, Neighbor, Refusal, gate
+from gatar_edge.bridge.safety import GOAL_REFUSALS, Known, Refusal, gate
 from gatar_edge.bridge.settings import DriverConfig
 from gatar_edge.bridge.signing import TICK_NS, Signing
 from gatar_edge.bridge.status import DriverEvent, EventKind, Status
 from gatar_edge.bridge.vehicle import Vehicle
 from gatar_edge.driver_memory import NOTHING, DriverMemory
+from gatar_edge.separation import Place
 from gatar_edge.types import NS_PER_S, Cell, Hold, Mission, VehicleCommand, VehicleState
 
 MAX_EVENTS = 1000
 MAX_FRAMES = 8192
 
 
-@dataclass(frozen=True, slots=True)
-class FrameRecord:
+class FrameRecord(msgspec.Struct, frozen=True):
     """One raw MAVLink frame for the log, without its signature."""
 
     t_ns: int
@@ -55,7 +57,7 @@ class VehicleDriver:
         # signing timestamps go on from where the caller began, at the pace of the injected clock
         self._signing_base = signing.timestamp - now_ns // TICK_NS if signing is not None else 0
         self._limits = config.limits()
-        self._neighbors: tuple[Neighbor, ...] = ()
+        self._neighbors: tuple[Place, ...] = ()
         self._vehicle: Vehicle | None = None
         self._unsupported: str | None = None
         self._launch = config.auto_launch
@@ -80,7 +82,7 @@ class VehicleDriver:
         for frame in self._codec.parse(data):
             if frame.source[0] != self.config.sysid:
                 continue
-            if self.config.log_frames and frame.message_id != wire.MessageId.SETUP_SIGNING:
+            if self.config.log_frames and frame.message_id != dialect.MessageId.SETUP_SIGNING:
                 self._frames.append(FrameRecord(now_ns, False, frame.raw))
             if self._vehicle is None:
                 self._look_at(frame, now_ns)
@@ -122,7 +124,7 @@ class VehicleDriver:
             self._watch_connection(self._vehicle.connected(now_ns), now_ns)
         return b"".join([self._encode(message, now_ns) for message in out])
 
-    def neighbors(self, positions: tuple[Neighbor, ...]) -> None:
+    def neighbors(self, positions: tuple[Place, ...]) -> None:
         """Where other robots are, or go to with the right of way: commands keep `min_separation_m` from them."""
         self._neighbors = positions
 
@@ -187,42 +189,15 @@ class VehicleDriver:
         if vehicle is None:
             phase = Phase.UNSUPPORTED if self._unsupported else Phase.SEARCHING
             return VehicleState(now_ns, phase=phase.value, details={"unsupported": self._unsupported or ""})
-        seen, position = vehicle.seen, vehicle.seen.position
-        lat_lon = seen.lat_lon_deg or (math.nan, math.nan)
-        return VehicleState(
-            t_ns=now_ns,
-            connected=vehicle.connected(now_ns),
-            armed=seen.armed,
-            ready=vehicle.ready(now_ns),
-            mode="" if seen.custom_mode is None else vehicle.profile.mode_name(seen.custom_mode),
-            lat_deg=lat_lon[0],
-            lon_deg=lat_lon[1],
-            alt_rel_m=seen.alt_rel_m,
-            speed_m_s=math.hypot(position.north_cm_s, position.east_cm_s) / 100 if position else 0.0,
-            heading_deg=position.heading_cdeg / 100 if position and position.heading_cdeg != 65535 else 0.0,
-            battery_percent=seen.battery_percent,
-            position_t_ns=seen.position_ns,
-            cell=self._cell(),
-            phase=vehicle.launch.phase.value,
-            details=self._details(vehicle),
-        )
+        counts = {"retasks": self._retasks, "bad_bytes": self._codec.bad_bytes}
+        return vehicle.state(now_ns, self._cell(), counts)
 
     # --- inside ---
-
-    def _details(self, vehicle: Vehicle) -> dict[str, object]:
-        result = vehicle.transfer.result
-        return {
-            "profile": vehicle.profile.name,
-            "status": vehicle.status.value,
-            "retasks": self._retasks,
-            "transfer": result.name if result is not None else vehicle.transfer.step.name,
-            "bad_bytes": self._codec.bad_bytes,
-        }
 
     def _look_at(self, frame: wire.Received, now_ns: int) -> None:
         """Find the autopilot: the first heartbeat on a link may be a ground station, a gimbal or another companion."""
         heartbeat = frame.message
-        if not isinstance(heartbeat, wire.Heartbeat) or heartbeat.autopilot == wire.AUTOPILOT_INVALID:
+        if not isinstance(heartbeat, wire.Heartbeat) or heartbeat.autopilot == dialect.AUTOPILOT_INVALID:
             return
         profile = choose(heartbeat.autopilot, heartbeat.type)
         if isinstance(profile, Unsupported):

@@ -11,12 +11,13 @@ from abc import ABC, abstractmethod
 from enum import Enum
 
 from gatar_edge.bridge import wire
+from gatar_edge.bridge.dialect import Command, MessageId
 from gatar_edge.bridge.mission_items import Items
 from gatar_edge.bridge.mission_states import Result
 from gatar_edge.bridge.mission_transfer import MissionClient
 from gatar_edge.bridge.profiles import Profile
 from gatar_edge.bridge.visit import Visit
-from gatar_edge.bridge.wire import Address, Command, CommandLong, GlobalOrigin, Message, MessageId, Received
+from gatar_edge.bridge.wire import Address, CommandLong, GlobalOrigin, Message, Received
 from gatar_edge.types import NS_PER_S
 
 ASK_NS = NS_PER_S

@@ -169,7 +169,7 @@ def point_inside(polygon: tuple[Point, ...], p: Point) -> bool:
     for a, b in edges:
         if (a[1] > p[1]) != (b[1] > p[1]) and p[0] < a[0] + (p[1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0]):
             inside = not inside
-    return inside or any(_distance_to_segment(p, a, b) <= 1e-3 for a, b in edges)
+    return inside or any(distance_to_segment_m(p, a, b) <= 1e-3 for a, b in edges)
 
 
 @lru_cache(maxsize=64)
@@ -185,7 +185,8 @@ def _between(a: Point, b: Point, t: float) -> Point:
     return a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1])
 
 
-def _distance_to_segment(p: Point, a: Point, b: Point) -> float:
+def distance_to_segment_m(p: Point, a: Point, b: Point) -> float:
+    """How near the straight line from a to b comes to p."""
     dx, dy = b[0] - a[0], b[1] - a[1]
     length2 = dx * dx + dy * dy
     t = 0.0 if length2 == 0 else min(1.0, max(0.0, ((p[0] - a[0]) * dx + (p[1] - a[1]) * dy) / length2))

@@ -11,12 +11,13 @@ import math
 from enum import Enum
 
 from gatar_edge.bridge.commands import CommandClient
+from gatar_edge.bridge.dialect import Command, CommandResult
 from gatar_edge.bridge.geo import deg_e7
 from gatar_edge.bridge.modes import ModeKeeper
 from gatar_edge.bridge.profiles.base import Profile
 from gatar_edge.bridge.status import Status
 from gatar_edge.bridge.telemetry import Progress, Telemetry, distance_m
-from gatar_edge.bridge.wire import Command, CommandInt, CommandResult
+from gatar_edge.bridge.wire import CommandInt
 from gatar_edge.types import NS_PER_S
 
 ECHO_NS = 2 * NS_PER_S  # the echo comes at 2 Hz

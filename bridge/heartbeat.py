@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gatar_edge.bridge import wire
+from gatar_edge.bridge import dialect, wire
 from gatar_edge.types import NS_PER_S
 
 
@@ -27,5 +27,5 @@ class Heart:
         if now_ns - self._beat_ns < self._period_ns:
             return []
         self._beat_ns = now_ns
-        state = wire.STATE_CRITICAL if self.critical else wire.STATE_ACTIVE
-        return [wire.Heartbeat(wire.TYPE_ONBOARD_CONTROLLER, wire.AUTOPILOT_INVALID, 0, 0, state)]
+        state = dialect.STATE_CRITICAL if self.critical else dialect.STATE_ACTIVE
+        return [wire.Heartbeat(dialect.TYPE_ONBOARD_CONTROLLER, dialect.AUTOPILOT_INVALID, 0, 0, state)]

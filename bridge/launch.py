@@ -12,10 +12,10 @@ from collections.abc import Callable
 from enum import Enum
 
 from gatar_edge.bridge.commands import CommandClient
+from gatar_edge.bridge.dialect import LANDED_ON_GROUND, Command
 from gatar_edge.bridge.modes import ModeKeeper
 from gatar_edge.bridge.profiles.base import Profile, Takeoff
 from gatar_edge.bridge.telemetry import Telemetry
-from gatar_edge.bridge.wire import LANDED_ON_GROUND, Command
 from gatar_edge.types import NS_PER_S
 
 ARM_RETRY_NS = NS_PER_S
@@ -102,8 +102,9 @@ class Launch:
 
     def poll(self, seen: Telemetry, now_ns: int) -> None:
         """Take the next step if the vehicle shows that the last one is done."""
-        if self.phase in _WATCHERS:
-            _WATCHERS[self.phase](self, seen, now_ns)
+        watch = _WATCHERS.get(self.phase)
+        if watch is not None:
+            watch(self, seen, now_ns)
 
     def airborne(self, seen: Telemetry) -> bool:
         """Whether it is in the air, or need not be."""

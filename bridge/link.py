@@ -22,48 +22,13 @@ from types import TracebackType
 from typing import Any
 
 from gatar_edge.bridge import tcp
+from gatar_edge.bridge.framing import datagrams, sender
 from gatar_edge.errors import LinkError, MissingExtraError
 
-MAX_DATAGRAM = 1200  # bytes of whole frames in one datagram: below any path's MTU
 MAX_READS = 256  # in one `receive`, so that a flood cannot keep the loop
 READ_BYTES = 65536
 RECONNECT_S = 1.0
 DEFAULT_BAUD = 57600
-
-_V2, _V1 = 0xFD, 0xFE
-
-
-def frame_length(data: bytes, at: int = 0) -> int:
-    """The length that the MAVLink header at `at` announces; the rest of `data` where there is no whole header."""
-    rest = len(data) - at
-    if rest >= 3 and data[at] == _V2:
-        return min(rest, 12 + data[at + 1] + (13 if data[at + 2] & 1 else 0))
-    if rest >= 2 and data[at] == _V1:
-        return min(rest, 8 + data[at + 1])
-    return rest
-
-
-def sender(data: bytes) -> int | None:
-    """The system id in the header that `data` begins with, None where it begins with something else."""
-    if len(data) >= 12 and data[0] == _V2:
-        return data[5]
-    if len(data) >= 8 and data[0] == _V1:
-        return data[3]
-    return None
-
-
-def datagrams(data: bytes) -> list[bytes]:
-    """Frames packed into as few datagrams of at most MAX_DATAGRAM bytes as keep every frame whole."""
-    packed: list[bytes] = []
-    at = 0
-    while at < len(data):
-        frame = data[at : at + frame_length(data, at)]
-        at += len(frame)
-        if packed and len(packed[-1]) + len(frame) <= MAX_DATAGRAM:
-            packed[-1] += frame
-        else:
-            packed.append(frame)
-    return packed
 
 
 class Link(ABC):

@@ -6,9 +6,10 @@ import hashlib
 import math
 import struct
 
+from gatar_edge.bridge.dialect import Command, Frame
 from gatar_edge.bridge.geo import deg_e7
 from gatar_edge.bridge.profiles.base import Profile
-from gatar_edge.bridge.wire import Command, Frame, MissionItem
+from gatar_edge.bridge.wire import MissionItem
 
 Items = tuple[MissionItem, ...]
 

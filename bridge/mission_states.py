@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import Enum
 
-from gatar_edge.bridge.wire import MissionResult
+from gatar_edge.bridge.dialect import MissionResult
 
 
 class Result(Enum):

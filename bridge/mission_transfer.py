@@ -16,10 +16,11 @@ from collections import deque
 from collections.abc import Callable
 
 from gatar_edge.bridge import wire
+from gatar_edge.bridge.dialect import MissionResult
 from gatar_edge.bridge.mission_items import MAX_ITEMS, Items, fingerprint, same_mission
 from gatar_edge.bridge.mission_states import ACK_EVENTS, REFUSALS, TRANSITIONS, Event, Result, Step
 from gatar_edge.bridge.profiles.base import Profile
-from gatar_edge.bridge.wire import Address, Message, MissionResult
+from gatar_edge.bridge.wire import Address, Message
 from gatar_edge.types import NS_PER_S
 
 RESEND_NS = NS_PER_S  # COUNT, LIST, requests and CLEAR_ALL, until the first answer

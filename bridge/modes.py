@@ -7,8 +7,8 @@ The pilot wins: a change that we did not ask for, and that is none of the vehicl
 from __future__ import annotations
 
 from gatar_edge.bridge.commands import CommandClient
+from gatar_edge.bridge.dialect import CUSTOM_MODE_FLAG, Command
 from gatar_edge.bridge.profiles.base import Profile
-from gatar_edge.bridge.wire import CUSTOM_MODE_FLAG, Command
 from gatar_edge.types import NS_PER_S
 
 RETRY_NS = NS_PER_S

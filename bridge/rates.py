@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gatar_edge.bridge.wire import Address, Command, CommandLong, Message, MessageId
+from gatar_edge.bridge.dialect import Command, MessageId
+from gatar_edge.bridge.wire import Address, CommandLong, Message
 from gatar_edge.types import NS_PER_S
 
 WANTED_HZ: dict[int, float] = {

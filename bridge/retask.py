@@ -11,6 +11,7 @@ from enum import Enum
 
 from gatar_edge.bridge import wire
 from gatar_edge.bridge.commands import CommandClient
+from gatar_edge.bridge.dialect import Command, CommandResult
 from gatar_edge.bridge.mission_items import build
 from gatar_edge.bridge.mission_states import Result
 from gatar_edge.bridge.mission_transfer import MissionClient
@@ -18,7 +19,7 @@ from gatar_edge.bridge.modes import ModeKeeper
 from gatar_edge.bridge.profiles.base import Profile, SetCurrent
 from gatar_edge.bridge.status import Status
 from gatar_edge.bridge.telemetry import Progress, Telemetry, distance_m
-from gatar_edge.bridge.wire import Command, CommandResult, Message
+from gatar_edge.bridge.wire import Message
 from gatar_edge.types import NS_PER_S
 
 RETRY_NS = NS_PER_S
@@ -140,12 +141,14 @@ class Retask:
 
     def poll(self, seen: Telemetry, now_ns: int) -> list[Message]:
         """Read the vehicle's answers, go on, and hand over messages to send now."""
-        if self.step in _WATCHERS:
+        watch = _WATCHERS.get(self.step)
+        if watch is not None:
             if self.transfer.active and self.step is not Step.UPLOAD and Event.REOPENED in TRANSITIONS[self.step]:
                 if self.step is Step.DRIVE:
                     self._start_index = self.index(seen)  # go on from there, not from the first waypoint
                 self._fire(Event.REOPENED, now_ns, Status.STARTING)
-            _WATCHERS[self.step](self, seen, now_ns)
+                watch = _WATCHERS[self.step]
+            watch(self, seen, now_ns)
         out, self._out = self._out, []
         return out
 

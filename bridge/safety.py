@@ -14,7 +14,8 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import Any
 
-from gatar_edge.bridge.geo import Point, cell_centre_m, inside_grid, point_inside, segment_inside
+from gatar_edge.bridge.geo import Point, cell_centre_m, distance_to_segment_m, inside_grid, point_inside, segment_inside
+from gatar_edge.separation import Place
 from gatar_edge.types import Cell, Goto, GridSpec, Hold, Mission, VehicleCommand
 
 
@@ -32,12 +33,11 @@ class Refusal(StrEnum):
     OUTSIDE_GRID = "refused: outside the grid"
     OUTSIDE_FENCE = "refused: outside the fence"
     ALTITUDE = "refused: outside the altitude band"
-    SEPARATION = "refused: another robot is there, or goes there"
+    SEPARATION = "refused: another robot is there, goes there, or stands in the way"
 
 
+_MILLIMETRE = 1e-3
 GOAL_REFUSALS = {Refusal.OUTSIDE_FENCE.value, Refusal.OUTSIDE_GRID.value, Refusal.SEPARATION.value}  # another may do
-
-Neighbor = tuple[Point, float]  # metres along the grid's axes, and metres above home
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class Limits:
     altitude_band_m: tuple[float, float]
     position_max_age_ns: int
     retask_min_interval_ns: int
-    min_separation_m: float = 0.0  # between where this vehicle goes and any neighbour of its layer; 0: not asked
+    min_separation_m: float = 0.0  # from where neighbours of its layer are or will be; 0: not asked
     layer_m: float = 1.0  # neighbours that are this much higher or lower fly in another layer
 
 
@@ -67,7 +67,7 @@ class Known:
     position_ns: int
     pursued: VehicleCommand  # what was returned last
     retasked_ns: int  # when that was another command than before; negative: never
-    neighbors: tuple[Neighbor, ...] = ()  # where other robots stand, or go to, and have the right of way
+    neighbors: tuple[Place, ...] = ()  # where other robots stand, or go to, and have the right of way
 
 
 def gate(wanted: VehicleCommand, known: Known, limits: Limits) -> VehicleCommand:
@@ -111,7 +111,7 @@ def _cells_refusal(wanted: Goto | Mission, known: Known, limits: Limits) -> Refu
         return Refusal.OUTSIDE_GRID
     if not _path_inside(tuple((x, y) for x, y in cells), limits.grid, limits.fence_m):
         return Refusal.OUTSIDE_FENCE
-    if not _separate(cells[-1], known.neighbors, limits):
+    if limits.min_separation_m and not _separate(cells, known, limits):
         return Refusal.SEPARATION
     # a vehicle that strayed outside may come back; one inside may not cross the outside on its way
     start, goal, fence_m = known.position_m, cell_centre_m(limits.grid, cells[0]), limits.fence_m
@@ -120,12 +120,32 @@ def _cells_refusal(wanted: Goto | Mission, known: Known, limits: Limits) -> Refu
     return Refusal.OUTSIDE_FENCE
 
 
-def _separate(goal: Cell, neighbors: tuple[Neighbor, ...], limits: Limits) -> bool:
-    at_m = cell_centre_m(limits.grid, goal)
-    return not any(
-        abs(altitude_m - limits.altitude_m) < limits.layer_m and math.dist(at_m, point_m) < limits.min_separation_m
-        for point_m, altitude_m in neighbors
-    )
+def _separate(cells: tuple[Cell, ...], known: Known, limits: Limits) -> bool:
+    """Whether the goal keeps from all neighbours of the layer, and the way from those that stand.
+
+    Those on their way will be gone; where is not known, nor when. Who is too near to one that stands may leave it.
+    """
+    way = _way_ahead(known.position_m, cells, limits.grid)
+    for place in known.neighbors:
+        if abs(place.altitude_m - limits.altitude_m) >= limits.layer_m:
+            continue
+        if math.dist(way[-1], place.point_m) < limits.min_separation_m:
+            return False
+        room_m = min(limits.min_separation_m, math.dist(way[0], place.point_m)) - _MILLIMETRE
+        if place.stands and any(distance_to_segment_m(place.point_m, a, b) < room_m for a, b in pairwise(way)):
+            return False
+    return True
+
+
+def _way_ahead(position_m: Point | None, cells: tuple[Cell, ...], grid: GridSpec) -> list[Point]:
+    """From the vehicle through the corners that it has not passed: a path stays the same while it is driven."""
+    points = [cell_centre_m(grid, cell) for cell in cells]
+    if position_m is None:
+        return points
+    for passed, leg in enumerate(pairwise(points), start=1):
+        if distance_to_segment_m(position_m, *leg) <= grid.cell_m / 2:
+            return [position_m, *points[passed:]]
+    return [position_m, *points]
 
 
 @lru_cache(maxsize=1024)  # the same command comes at every tick

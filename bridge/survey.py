@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from gatar_edge.bridge import wire
 from gatar_edge.bridge.companion_loss import loss_parameters
+from gatar_edge.bridge.dialect import Command, MessageId
 from gatar_edge.bridge.own_fence import fence_parameters
 from gatar_edge.bridge.parameters import ParameterReader
 from gatar_edge.bridge.profiles import Profile
@@ -19,7 +20,7 @@ from gatar_edge.bridge.rates import WANTED_HZ
 from gatar_edge.bridge.settings import DriverConfig
 from gatar_edge.bridge.telemetry import Telemetry
 from gatar_edge.bridge.visit import Heard, Visit
-from gatar_edge.bridge.wire import Address, Command, CommandLong, Message, MessageId, Received
+from gatar_edge.bridge.wire import Address, CommandLong, Message, Received
 from gatar_edge.types import NS_PER_S
 
 ASK_NS = NS_PER_S

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from gatar_edge.bridge import wire
+from gatar_edge.bridge.dialect import MessageId
 from gatar_edge.bridge.geo import geodetic_to_enu
-from gatar_edge.bridge.wire import MessageId
 from gatar_edge.types import NS_PER_S
 
 NEVER = -1
@@ -68,6 +68,8 @@ class Telemetry:
     @property
     def unknown(self) -> tuple[int, ...]:
         """Ids of the messages that are needed once and have not come."""
+        if self.home is not None and self.origin is not None:
+            return ()
         needed = {MessageId.HOME_POSITION: self.home, MessageId.GPS_GLOBAL_ORIGIN: self.origin}
         return tuple(message_id for message_id, value in needed.items() if value is None)
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import random
 
 from gatar_edge.bridge import wire
 from gatar_edge.bridge.commands import CommandClient
+from gatar_edge.bridge.dialect import Command
 from gatar_edge.bridge.guided import Guided
 from gatar_edge.bridge.launch import Event, Launch, Phase
 from gatar_edge.bridge.memory import mission_points, remembered_items
@@ -17,9 +19,9 @@ from gatar_edge.bridge.retask import UNTOLD_TOTALS, Retask
 from gatar_edge.bridge.settings import DriverConfig
 from gatar_edge.bridge.status import DriverEvent, EventKind, Status
 from gatar_edge.bridge.telemetry import Telemetry
-from gatar_edge.bridge.wire import Address, Command, Message
+from gatar_edge.bridge.wire import Address, Message
 from gatar_edge.driver_memory import DriverMemory
-from gatar_edge.types import NS_PER_S, Goto, Hold, Mission, RobotKind
+from gatar_edge.types import NS_PER_S, Cell, Goto, Hold, Mission, RobotKind, VehicleState
 
 SILENT_NS = 3 * NS_PER_S  # nothing at all
 HEARTBEAT_LOST_NS = 6 * NS_PER_S  # three lost ones in a row are no rarity on a bad link
@@ -85,6 +87,33 @@ class Vehicle:
             and self.launch.phase is Phase.READY
             and self.seen.armed
             and self.launch.airborne(self.seen)
+        )
+
+    def state(self, now_ns: int, cell: Cell | None, counts: dict[str, int]) -> VehicleState:
+        """What is known of it; the driver knows its `cell` and `counts` what it sent and received."""
+        seen, position, result = self.seen, self.seen.position, self.transfer.result
+        lat_lon = seen.lat_lon_deg or (math.nan, math.nan)
+        return VehicleState(
+            t_ns=now_ns,
+            connected=self.connected(now_ns),
+            armed=seen.armed,
+            ready=self.ready(now_ns),
+            mode="" if seen.custom_mode is None else self.profile.mode_name(seen.custom_mode),
+            lat_deg=lat_lon[0],
+            lon_deg=lat_lon[1],
+            alt_rel_m=seen.alt_rel_m,
+            speed_m_s=math.hypot(position.north_cm_s, position.east_cm_s) / 100 if position else 0.0,
+            heading_deg=position.heading_cdeg / 100 if position and position.heading_cdeg != 65535 else 0.0,
+            battery_percent=seen.battery_percent,
+            position_t_ns=seen.position_ns,
+            cell=cell,
+            phase=self.launch.phase.value,
+            details={
+                "profile": self.profile.name,
+                "status": self.status.value,
+                "transfer": result.name if result is not None else self.transfer.step.name,
+                **counts,
+            },
         )
 
     def receive(self, frame: wire.Received, now_ns: int) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gatar_edge.bridge import wire
+from gatar_edge.bridge import dialect, wire
 from gatar_edge.bridge.codec import Codec
 from gatar_edge.bridge.profiles import Profile, Unsupported, choose
 from gatar_edge.bridge.wire import Address, Heartbeat, Message, Received
@@ -109,5 +109,5 @@ class Visit:
 
 
 def _is_autopilot(heartbeat: Heartbeat) -> bool:
-    others = (wire.TYPE_GCS, wire.TYPE_ONBOARD_CONTROLLER)
-    return heartbeat.autopilot != wire.AUTOPILOT_INVALID and heartbeat.type not in others
+    others = (dialect.TYPE_GCS, dialect.TYPE_ONBOARD_CONTROLLER)
+    return heartbeat.autopilot != dialect.AUTOPILOT_INVALID and heartbeat.type not in others

@@ -7,102 +7,15 @@ Units are MAVLink's own, in the names: `_e7` 1e-7 degree, `_mm`, `_cm_s`, `_cdeg
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from enum import IntEnum
+
+import msgspec
+
+from gatar_edge.bridge.dialect import ARMED_FLAG
 
 Address = tuple[int, int]
 
 
-class MissionResult(IntEnum):
-    """MAV_MISSION_RESULT of common.xml."""
-
-    ACCEPTED = 0
-    ERROR = 1
-    UNSUPPORTED_FRAME = 2
-    UNSUPPORTED = 3
-    NO_SPACE = 4
-    INVALID = 5
-    INVALID_PARAM1 = 6
-    INVALID_PARAM2 = 7
-    INVALID_PARAM3 = 8
-    INVALID_PARAM4 = 9
-    INVALID_PARAM5_X = 10
-    INVALID_PARAM6_Y = 11
-    INVALID_PARAM7 = 12
-    INVALID_SEQUENCE = 13
-    DENIED = 14
-    OPERATION_CANCELLED = 15
-
-
-class CommandResult(IntEnum):
-    """MAV_RESULT of common.xml, and what only the sender knows: nobody answered."""
-
-    ACCEPTED = 0
-    TEMPORARILY_REJECTED = 1
-    DENIED = 2
-    UNSUPPORTED = 3
-    FAILED = 4
-    IN_PROGRESS = 5
-    CANCELLED = 6
-    COMMAND_LONG_ONLY = 7
-    COMMAND_INT_ONLY = 8
-    UNSUPPORTED_FRAME = 9
-    NO_ANSWER = 255
-
-
-class MessageId(IntEnum):
-    """The messages that the bridge asks a vehicle for."""
-
-    SYS_STATUS = 1
-    SYSTEM_TIME = 2
-    GPS_RAW_INT = 24
-    GLOBAL_POSITION_INT = 33
-    MISSION_CURRENT = 42
-    GPS_GLOBAL_ORIGIN = 49
-    POSITION_TARGET_GLOBAL_INT = 87
-    AUTOPILOT_VERSION = 148
-    HOME_POSITION = 242
-    EXTENDED_SYS_STATE = 245
-    SETUP_SIGNING = 256
-
-
-class Command(IntEnum):
-    """The MAV_CMDs in use."""
-
-    NAV_WAYPOINT = 16
-    NAV_TAKEOFF = 22
-    DO_SET_MODE = 176
-    DO_CHANGE_SPEED = 178
-    DO_REPOSITION = 192
-    DO_SET_MISSION_CURRENT = 224
-    COMPONENT_ARM_DISARM = 400
-    SET_MESSAGE_INTERVAL = 511
-    REQUEST_MESSAGE = 512
-
-
-class Frame(IntEnum):
-    """The MAV_FRAMEs in use."""
-
-    GLOBAL = 0  # altitude above mean sea level
-    GLOBAL_RELATIVE_ALT = 3
-    GLOBAL_INT = 5
-    GLOBAL_RELATIVE_ALT_INT = 6  # altitude above home
-
-
-ARMED_FLAG = 128  # MAV_MODE_FLAG_SAFETY_ARMED
-CUSTOM_MODE_FLAG = 1  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-LANDED_ON_GROUND = 1  # MAV_LANDED_STATE_ON_GROUND
-STATE_ACTIVE = 4  # MAV_STATE
-STATE_CRITICAL = 5
-TYPE_GCS = 6  # MAV_TYPE
-TYPE_ONBOARD_CONTROLLER = 18
-AUTOPILOT_INVALID = 8  # MAV_AUTOPILOT: not an autopilot
-AUTOPILOT_ARDUPILOT = 3
-AUTOPILOT_PX4 = 12
-
-
-@dataclass(frozen=True, slots=True)
-class Heartbeat:
+class Heartbeat(msgspec.Struct, frozen=True):
     """HEARTBEAT (0)."""
 
     type: int
@@ -117,15 +30,13 @@ class Heartbeat:
         return bool(self.base_mode & ARMED_FLAG)
 
 
-@dataclass(frozen=True, slots=True)
-class SysStatus:
+class SysStatus(msgspec.Struct, frozen=True):
     """SYS_STATUS (1): what of it is used."""
 
     battery_percent: int
 
 
-@dataclass(frozen=True, slots=True)
-class GlobalPosition:
+class GlobalPosition(msgspec.Struct, frozen=True):
     """GLOBAL_POSITION_INT (33)."""
 
     lat_e7: int
@@ -137,8 +48,7 @@ class GlobalPosition:
     heading_cdeg: int
 
 
-@dataclass(frozen=True, slots=True)
-class HomePosition:
+class HomePosition(msgspec.Struct, frozen=True):
     """HOME_POSITION (242)."""
 
     lat_e7: int
@@ -146,8 +56,7 @@ class HomePosition:
     alt_amsl_mm: int
 
 
-@dataclass(frozen=True, slots=True)
-class GlobalOrigin:
+class GlobalOrigin(msgspec.Struct, frozen=True):
     """GPS_GLOBAL_ORIGIN (49): where the vehicle's local frame begins."""
 
     lat_e7: int
@@ -155,8 +64,7 @@ class GlobalOrigin:
     alt_amsl_mm: int
 
 
-@dataclass(frozen=True, slots=True)
-class SetGlobalOrigin:
+class SetGlobalOrigin(msgspec.Struct, frozen=True):
     """SET_GPS_GLOBAL_ORIGIN (48); answered by a GPS_GLOBAL_ORIGIN where it was taken."""
 
     sysid: int
@@ -165,23 +73,20 @@ class SetGlobalOrigin:
     alt_amsl_mm: int
 
 
-@dataclass(frozen=True, slots=True)
-class GpsRaw:
+class GpsRaw(msgspec.Struct, frozen=True):
     """GPS_RAW_INT (24): what of it is used. `fix_type` is a GPS_FIX_TYPE: 3 and above is a position in space."""
 
     fix_type: int
     satellites: int
 
 
-@dataclass(frozen=True, slots=True)
-class SystemTime:
+class SystemTime(msgspec.Struct, frozen=True):
     """SYSTEM_TIME (2): microseconds since 1970, 0 where the vehicle does not know the time of day."""
 
     unix_us: int
 
 
-@dataclass(frozen=True, slots=True)
-class TimeSync:
+class TimeSync(msgspec.Struct, frozen=True):
     """TIMESYNC (111): `tc1` is 0 in a request, and the answerer's clock in an answer; `ts1` comes back as it was sent.
 
     Both in nanoseconds. An answer does not say whom it answers: only its `ts1` does.
@@ -191,24 +96,21 @@ class TimeSync:
     ts1: int
 
 
-@dataclass(frozen=True, slots=True)
-class AutopilotVersion:
+class AutopilotVersion(msgspec.Struct, frozen=True):
     """AUTOPILOT_VERSION (148): `version` is major << 24 | minor << 16 | patch << 8 | kind of release."""
 
     capabilities: int
     version: int
 
 
-@dataclass(frozen=True, slots=True)
-class ParamRead:
+class ParamRead(msgspec.Struct, frozen=True):
     """PARAM_REQUEST_READ (20), by name."""
 
     target: Address
     name: str
 
 
-@dataclass(frozen=True, slots=True)
-class ParamValue:
+class ParamValue(msgspec.Struct, frozen=True):
     """PARAM_VALUE (22): `raw` are the value's four bytes as they came, `type` a MAV_PARAM_TYPE."""
 
     name: str
@@ -216,15 +118,13 @@ class ParamValue:
     type: int
 
 
-@dataclass(frozen=True, slots=True)
-class ExtendedSysState:
+class ExtendedSysState(msgspec.Struct, frozen=True):
     """EXTENDED_SYS_STATE (245)."""
 
     landed_state: int
 
 
-@dataclass(frozen=True, slots=True)
-class PositionTarget:
+class PositionTarget(msgspec.Struct, frozen=True):
     """POSITION_TARGET_GLOBAL_INT (87): where the vehicle itself says it is going."""
 
     lat_e7: int
@@ -232,16 +132,14 @@ class PositionTarget:
     alt_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class StatusText:
+class StatusText(msgspec.Struct, frozen=True):
     """STATUSTEXT (253)."""
 
     severity: int
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class CommandAck:
+class CommandAck(msgspec.Struct, frozen=True):
     """COMMAND_ACK (77)."""
 
     command: int
@@ -249,8 +147,7 @@ class CommandAck:
     target: Address
 
 
-@dataclass(frozen=True, slots=True)
-class CommandLong:
+class CommandLong(msgspec.Struct, frozen=True):
     """COMMAND_LONG (76)."""
 
     to: Address
@@ -258,8 +155,7 @@ class CommandLong:
     params: tuple[float, float, float, float, float, float, float]
 
 
-@dataclass(frozen=True, slots=True)
-class CommandInt:
+class CommandInt(msgspec.Struct, frozen=True):
     """COMMAND_INT (75)."""
 
     to: Address
@@ -271,8 +167,7 @@ class CommandInt:
     alt_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class MissionCount:
+class MissionCount(msgspec.Struct, frozen=True):
     """MISSION_COUNT (44)."""
 
     target: Address
@@ -280,8 +175,7 @@ class MissionCount:
     mission_type: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class MissionRequest:
+class MissionRequest(msgspec.Struct, frozen=True):
     """MISSION_REQUEST (40) or MISSION_REQUEST_INT (51) received; only the latter is ever sent."""
 
     target: Address
@@ -289,8 +183,7 @@ class MissionRequest:
     mission_type: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class MissionItem:
+class MissionItem(msgspec.Struct, frozen=True):
     """What a mission holds at one place, without its place: a MISSION_ITEM_INT (73) less its addressing."""
 
     frame: int
@@ -301,8 +194,7 @@ class MissionItem:
     alt_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class MissionItemAt:
+class MissionItemAt(msgspec.Struct, frozen=True):
     """MISSION_ITEM_INT (73), sent or received."""
 
     target: Address
@@ -311,8 +203,7 @@ class MissionItemAt:
     mission_type: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class MissionAck:
+class MissionAck(msgspec.Struct, frozen=True):
     """MISSION_ACK (47)."""
 
     target: Address
@@ -320,32 +211,28 @@ class MissionAck:
     mission_type: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class MissionRequestList:
+class MissionRequestList(msgspec.Struct, frozen=True):
     """MISSION_REQUEST_LIST (43)."""
 
     target: Address
     mission_type: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class MissionClearAll:
+class MissionClearAll(msgspec.Struct, frozen=True):
     """MISSION_CLEAR_ALL (45)."""
 
     target: Address
     mission_type: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class MissionSetCurrent:
+class MissionSetCurrent(msgspec.Struct, frozen=True):
     """MISSION_SET_CURRENT (41)."""
 
     target: Address
     seq: int
 
 
-@dataclass(frozen=True, slots=True)
-class MissionCurrent:
+class MissionCurrent(msgspec.Struct, frozen=True):
     """MISSION_CURRENT (42). `total` is 0 or 65535 where the vehicle does not say; `state` 5 is complete."""
 
     seq: int
@@ -383,8 +270,7 @@ Message = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Received:
+class Received(msgspec.Struct, frozen=True):
     """One frame from the wire: who sent it, its bytes without a signature, and its meaning if it is one in use."""
 
     source: Address

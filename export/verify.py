@@ -20,12 +20,12 @@ from gatar_edge.allocators.gatar import decode
 from gatar_edge.errors import GatarError, ModelError
 from gatar_edge.export.spec import DYNAMIC, TOLERANCE, SingleView
 from gatar_edge.export.states import CONNECTED, ISOLATED, random_view
-from gatar_edge.features import LENGTH_SCALE_CELLS, Inputs, features
+from gatar_edge.features import LENGTH_SCALE_CELLS, Inputs, arrays_of, features_of
 from gatar_edge.grid import UNREACHABLE
 from gatar_edge.learn.networks import build
 from gatar_edge.manifest import MAX_CANDIDATES, MAX_ROBOTS, OUTPUTS
 from gatar_edge.policy import Policy, PolicyOutput
-from gatar_edge.view import View
+from gatar_edge.view import View, with_absent
 
 MOST_IR, OPSETS = 10, range(17, 21)
 RANGES = (ISOLATED, 6.0, CONNECTED)
@@ -87,7 +87,7 @@ def verify(
     where file or weights cannot be read at all.
     """
     policy = Policy(path)
-    network = _network(path, policy)
+    network = network_of(path, policy)
     states = decisions = 0
     worst = 0.0
     error = ""
@@ -116,7 +116,8 @@ def all_states() -> Iterator[tuple[int, int, float]]:
         yield 4, candidates, RANGES[candidates % len(RANGES)]
 
 
-def _network(path: Path, policy: Policy) -> SingleView:
+def network_of(path: Path, policy: Policy) -> SingleView:
+    """The network of a model file in double precision, from the weights beside it. Raises ModelError."""
     weights = path.with_suffix(".safetensors")
     fields = policy.manifest.fields
     network = build(fields["network"], fields["settings"])
@@ -144,7 +145,10 @@ def _check_graph(path: Path, policy: Policy) -> None:
 
 
 def _compare(policy: Policy, network: SingleView, view: View) -> float:
-    inputs = features(view)
+    ahead = policy.manifest.looks_ahead
+    view = with_absent(view) if ahead else view
+    arrays = arrays_of(view, with_frontiers=ahead)
+    inputs = features_of(arrays)
     ours = _as_exported(policy.run(inputs))
     with torch.inference_mode():
         theirs = PolicyOutput(*(output.numpy() for output in network(*_double(inputs, network.inputs))))
@@ -158,7 +162,8 @@ def _compare(policy: Policy, network: SingleView, view: View) -> float:
         if gap > TOLERANCE:
             raise ValueMismatchError(f"{name} with {where}: differs by {gap:.2e}, tolerance {TOLERANCE:.0e}")
         worst = max(worst, gap)
-    chosen, expected = _decide(view, ours), _decide(view, theirs)
+    places = arrays.targets[arrays.listed]
+    chosen, expected = _decide(view, places, ours), _decide(view, places, theirs)
     if not np.array_equal(chosen, expected):
         raise DecisionMismatchError(f"{where}: {chosen.tolist()} from the file, {expected.tolist()} from torch")
     return worst
@@ -174,6 +179,9 @@ def _as_exported(output: PolicyOutput) -> PolicyOutput:
     return replace(output, xy=output.xy / np.float32(LENGTH_SCALE_CELLS))
 
 
-def _decide(view: View, output: PolicyOutput) -> np.ndarray[Any, np.dtype[np.int32]]:
-    scores = output.scores[:, [*range(len(view.targets)), -1]]
-    return decode(scores, view.lengths != UNREACHABLE, in_id_order(view))
+def _decide(
+    view: View, places: np.ndarray[Any, np.dtype[np.int64]], output: PolicyOutput
+) -> np.ndarray[Any, np.dtype[np.int32]]:
+    scores = output.scores[:, [*range(len(places)), -1]]
+    possible = view.distances[:, places[:, 0], places[:, 1]] != UNREACHABLE
+    return decode(scores, possible, in_id_order(view))

@@ -6,10 +6,12 @@ so that the same inputs give the same decisions.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from gatar_edge.absent import REMEMBER_S, out_of_range
 from gatar_edge.allocators.base import Allocation, Allocator, Negotiator
 from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.belief import merged, nothing_known, observed, window_at, window_origin
@@ -215,12 +217,26 @@ class Agent:
             identity.robot_id, identity.kind, observation.cell, identity.speed_cells_s, self.task.kind, self.task.cell
         )
         others = [
-            RobotState(m.robot_id, m.kind, m.cell, m.speed_cells_s, m.task, m.task_cell, neighbor.age_ns(now_ns))
+            _state_of(neighbor, now_ns)
             for neighbor in self.neighbors.fresh(now_ns, observation.cell)
-            if self._on_grid(m := neighbor.message)
+            if self._on_grid(neighbor.message)
         ]
-        view = build_view(now_ns, ego, others, self.belief, config.r_comm, config.hop_limit, config.max_candidates)
+        near = [robot for robot in (ego, *others) if math.dist(robot.cell, ego.cell) <= config.r_comm]
+        absent = out_of_range(self._silent(now_ns), near, config.r_comm)
+        view = build_view(
+            now_ns, ego, others, self.belief, config.r_comm, config.hop_limit, config.max_candidates, absent
+        )
         return without(view, self.shunned) if self.shunned else view
+
+    def _silent(self, now_ns: int) -> list[RobotState]:
+        """Robots that left the graph not too long ago, as they were then; as many as the graph has room for."""
+        room = self.config.max_neighbors
+        silent = [
+            _state_of(neighbor, now_ns)
+            for neighbor in self.neighbors.silent(now_ns, int(REMEMBER_S * NS_PER_S))
+            if self._on_grid(neighbor.message) and self._on_grid(neighbor.message, of_task=True)
+        ]
+        return silent[:room]
 
     def _listen(self, datagram: bytes, now_ns: int) -> HearOutcome:
         """Hand the allocator what its like told."""
@@ -230,9 +246,11 @@ class Agent:
         self.neighbors.counters[outcome] += 1
         return outcome
 
-    def _on_grid(self, message: NeighborMessage) -> bool:
+    def _on_grid(self, message: NeighborMessage, of_task: bool = False) -> bool:
         """A neighbour that does not know its place yet, or claims to be elsewhere, takes no part in the allocation."""
-        x, y = message.cell
+        if of_task and message.task is TaskKind.HOLD:
+            return True
+        x, y = message.task_cell if of_task else message.cell
         return 0 <= x < self.config.grid.width and 0 <= y < self.config.grid.height and message.speed_cells_s > 0
 
     def _allocate(self, view: View) -> tuple[Allocation, str, str]:
@@ -270,6 +288,11 @@ class Agent:
             candidates=(),
             choices=(),
         )
+
+
+def _state_of(neighbor: Neighbor, now_ns: int) -> RobotState:
+    m = neighbor.message
+    return RobotState(m.robot_id, m.kind, m.cell, m.speed_cells_s, m.task, m.task_cell, neighbor.age_ns(now_ns))
 
 
 def _candidates(view: View, allocation: Allocation) -> tuple[Candidate, ...]:

@@ -11,6 +11,8 @@ import numpy as np
 from gatar_edge.types import BoolGrid, ByteGrid, Cell, Cells, CellState, GridSpec, Observation
 
 WINDOW = 15  # cells a side of what one message carries
+# As array elements, read once: a member of an enum costs as much as a small array's comparison.
+_UNKNOWN, _FREE, _OBSTACLE, _TARGET, _LOCALIZED = (np.uint8(state) for state in CellState)
 
 
 def nothing_known(grid: GridSpec) -> ByteGrid:
@@ -24,14 +26,14 @@ def observed(belief: ByteGrid, observation: Observation) -> ByteGrid:
         _inside(cells, belief.shape) for cells in (observation.seen, observation.obstacles, observation.targets)
     )
     new = belief.copy()
-    new[seen[:, 0], seen[:, 1]] = CellState.FREE
-    new[obstacles[:, 0], obstacles[:, 1]] = CellState.OBSTACLE
-    new[targets[:, 0], targets[:, 1]] = CellState.TARGET
+    new[seen[:, 0], seen[:, 1]] = _FREE
+    new[obstacles[:, 0], obstacles[:, 1]] = _OBSTACLE
+    new[targets[:, 0], targets[:, 1]] = _TARGET
     # a target in view keeps looking like one after somebody's visit: only the memory of the visit tells
-    new[belief == CellState.LOCALIZED] = CellState.LOCALIZED
+    new[belief == _LOCALIZED] = _LOCALIZED
     x, y = observation.cell
-    if 0 <= x < new.shape[0] and 0 <= y < new.shape[1] and new[x, y] == CellState.TARGET:
-        new[x, y] = CellState.LOCALIZED
+    if 0 <= x < new.shape[0] and 0 <= y < new.shape[1] and new[x, y] == _TARGET:
+        new[x, y] = _LOCALIZED
     return _frozen(new)
 
 
@@ -43,7 +45,7 @@ def merged(belief: ByteGrid, origin: Cell, window: ByteGrid) -> ByteGrid:
     if x0 >= x1 or y0 >= y1:
         return belief
     heard = window[x0 - origin[0] : x1 - origin[0], y0 - origin[1] : y1 - origin[1]]
-    if (heard <= belief[x0:x1, y0:y1]).all():
+    if not np.count_nonzero(heard > belief[x0:x1, y0:y1]):  # several times as fast as all()
         return belief
     new = belief.copy()
     np.maximum(new[x0:x1, y0:y1], heard, out=new[x0:x1, y0:y1])
@@ -79,18 +81,18 @@ def window_origin(belief: ByteGrid, cell: Cell, sequence: int) -> Cell:
 
 def known_targets(belief: ByteGrid) -> Cells:
     """Targets seen and not yet localized: int16 [m, 2], sorted by x, then y."""
-    return np.argwhere(belief == CellState.TARGET).astype(np.int16)
+    return np.argwhere(belief == _TARGET).astype(np.int16)
 
 
 def unknown(belief: ByteGrid) -> BoolGrid:
     """Cells that nobody has told of: bool [W, H]."""
-    dark: BoolGrid = belief == CellState.UNKNOWN
+    dark: BoolGrid = belief == _UNKNOWN
     return dark
 
 
 def _inside(cells: Cells, shape: tuple[int, ...]) -> Cells:
     keep = (cells[:, 0] >= 0) & (cells[:, 0] < shape[0]) & (cells[:, 1] >= 0) & (cells[:, 1] < shape[1])
-    return cells if keep.all() else cells[keep]
+    return cells if np.count_nonzero(keep) == len(cells) else cells[keep]
 
 
 def _frozen(array: ByteGrid) -> ByteGrid:

@@ -16,6 +16,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import msgspec
+import numpy as np
 
 from gatar_edge.allocators.registry import Make, hears_all, make
 from gatar_edge.config import AgentConfig
@@ -26,6 +27,8 @@ from gatar_edge.sim_sitl.maps import read_map, window_world
 from gatar_edge.sim_sitl.tally import Result
 from gatar_edge.sim_sitl.world import Team, World, random_world
 from gatar_edge.types import BoolGrid, GridSpec
+
+KILLED_BY = 8  # steps: most missions of twelve robots take longer
 
 
 class Campaign(msgspec.Struct, frozen=True, kw_only=True):
@@ -42,6 +45,7 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True):
     r_comm: float = 6.0
     loss: float = 0.0
     delay_ticks: int = 0
+    kills: int = 0  # robots that fall silent and stand still in the first `KILLED_BY` steps
     follow: bool = False  # the allocator at every tick; else tasks are kept, as on vehicles
     max_steps: int = 500
 
@@ -91,6 +95,19 @@ def world_of(campaign: Campaign, seed: int) -> World:
     return window_world(_city(campaign.map_file), campaign.window, team, campaign.targets, seed)
 
 
+def deaths_of(campaign: Campaign, seed: int) -> dict[int, int]:
+    """Step of death by robot id: the same robots at the same steps for every allocator, and one more with each kill.
+
+    Raises ConfigError where nobody would be left.
+    """
+    team = Team.parse(campaign.team)
+    if not 0 <= campaign.kills < len(team.kinds):
+        raise ConfigError(f"{campaign.kills} robots killed: {team} can lose 0 to {len(team.kinds) - 1}")
+    rng = np.random.default_rng([seed, len(team.kinds)])
+    order, steps = rng.permutation(team.ids), rng.integers(1, KILLED_BY + 1, size=len(team.ids))
+    return dict(zip(order[: campaign.kills].tolist(), steps.tolist(), strict=False))
+
+
 def fly_one(flight: Flight) -> Figures:
     """Fly one mission. Raises ConfigError, ModelError or WorldError."""
     campaign, world = flight.campaign, world_of(flight.campaign, flight.seed)
@@ -103,7 +120,7 @@ def fly_one(flight: Flight) -> Figures:
     )
     delay_ns = campaign.delay_ticks * STEP_NS
     radio = LinkFaults() if central else LinkFaults(campaign.loss, delay_min_ns=delay_ns, delay_max_ns=delay_ns)
-    mission = GridMission(world, config, radio, campaign.max_steps)
+    mission = GridMission(world, config, radio, campaign.max_steps, deaths=deaths_of(campaign, flight.seed))
     return _figures(fly(mission, factory(flight.allocator)))
 
 

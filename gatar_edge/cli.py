@@ -15,6 +15,7 @@ COMMANDS = {
     "init": "write the configuration of one vehicle",
     "vehicle": "run the inference daemon of one vehicle",
     "doctor": "check that a vehicle is set up right",
+    "selftest": "prove that this installation decides as it should, without torch",
     "bridge": "look after what is on board of a vehicle",
     "fleet": "show the team live, by listening only",
     "dataset": "make training data with a teacher",
@@ -22,6 +23,7 @@ COMMANDS = {
     "eval": "compare allocators with the paper and with each other",
     "export": "turn a trained network into one ONNX file",
     "verify": "prove that an ONNX file equals its network",
+    "quantize": "try 8-bit integers: latency, size and decisions side by side",
     "log": "review a mission log",
     "bench": "measure this machine",
 }

@@ -1,14 +1,52 @@
-"""Where to go and look when there is no target for a robot: the nearest unknown cell that no other robot goes to."""
+"""Where to go and look: the frontiers among which a learned allocator may choose, and the rule for all the others.
+
+The rule: the nearest unknown cell that no other robot goes to.
+"""
 
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from gatar_edge.allocators.base import NO_TARGET, Choices, in_id_order
 from gatar_edge.belief import unknown
 from gatar_edge.grid import UNREACHABLE
-from gatar_edge.types import Cell
+from gatar_edge.types import ByteGrid, Cell, IntGrid
 from gatar_edge.view import View
+
+FRONTIER_BLOCK = 4  # cells a side: a robot that enters a block sees all of it
+MOST_FRONTIERS = 24  # of a view: those nearest to any of its robots
+
+
+def frontiers(
+    belief: ByteGrid, distances: IntGrid, most: int = MOST_FRONTIERS
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Places to go and look: cells [K, 2], sorted by x, then y, and how many unknown cells lie round each [K].
+
+    The grid is cut into blocks that never move, so that places stay while they are unknown. A block's place is its
+    unknown cell nearest to the middle of its unknown cells. Of more than `most`, those count that the robots of
+    `distances` [N, W, H] reach soonest (then by block).
+    """
+    width, height = belief.shape
+    x, y = np.nonzero(belief == 0)
+    if not len(x):
+        return np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.int64)
+    across = -(-height // FRONTIER_BLOCK)
+    block = x // FRONTIER_BLOCK * across + y // FRONTIER_BLOCK
+    blocks = -(-width // FRONTIER_BLOCK) * across
+    count = np.bincount(block, minlength=blocks)
+    # in whole numbers, so that all processors agree: the distance to the middle times the number of cells
+    gap = (x * count[block] - np.bincount(block, x, blocks).astype(np.int64)[block]) ** 2
+    gap += (y * count[block] - np.bincount(block, y, blocks).astype(np.int64)[block]) ** 2
+    order = np.lexsort((gap, block))
+    first = order[np.unique(block[order], return_index=True)[1]]
+    cells = np.stack([x[first], y[first]], axis=1)
+    ways = distances[:, cells[:, 0], cells[:, 1]]
+    soonest = np.where(ways == UNREACHABLE, np.iinfo(np.int32).max, ways).min(axis=0)
+    reached = np.flatnonzero(soonest < np.iinfo(np.int32).max)
+    kept = reached[np.argsort(soonest[reached], kind="stable")[:most]]
+    kept = kept[np.lexsort((cells[kept, 1], cells[kept, 0]))]
+    return cells[kept], count[block[first[kept]]]
 
 
 def frontier_for_ego(view: View, choices: Choices, r_sense: float) -> Cell | None:

@@ -11,7 +11,11 @@ here is an absolute coordinate: windows and offsets are relative to a robot, so 
 | cells   | N M             | index of the candidate's cell in the robot's window, 0 where it lies outside |
 | valid   | N M             | 1 where the candidate exists and the robot can reach it                      |
 | offsets | M xy            | candidate's cell minus ego's cell                                            |
+| places  | M C             | `PLACE_FEATURES` of each candidate                                           |
 | hops    | N N             | hop count, 0 on the diagonal, -1 beyond the graph                            |
+
+Candidates are known targets, sorted by cell, and behind them, for a model that asks for them, places to go and look
+(`explore.frontiers`).
 
 Speeds enter as shares of the fastest robot of the view, so that cell size and step make no difference.
 N is at least 1 (ego is row 0); M is padded to at least 1 with `valid` 0, because ONNX operators differ on empty axes.
@@ -24,11 +28,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from gatar_edge.explore import MOST_FRONTIERS, frontiers
 from gatar_edge.grid import UNREACHABLE
 from gatar_edge.types import CellState, Floats, RobotKind
 from gatar_edge.view import View
 
-FEATURES_VERSION = 2
+FEATURES_VERSION = 3
+MAX_CANDIDATES = 64
 WINDOW = 15  # cells a side, the robot in the middle
 SIGMA = 1.0  # of the Gaussian target map, cells
 EPSILON = 1.0  # of the reward map, cells: with 1, the reward of the own cell is the speed
@@ -47,6 +53,7 @@ PAIR_FEATURES = (
     "dx",
     "dy",
 )
+PLACE_FEATURES = ("frontier", "unknown", "hidden")
 AXES: dict[str, tuple[str, ...]] = {
     "maps": ("N", "channel", "wx", "wy"),
     "robots": ("N", "F"),
@@ -54,6 +61,7 @@ AXES: dict[str, tuple[str, ...]] = {
     "cells": ("N", "M"),
     "valid": ("N", "M"),
     "offsets": ("M", "xy"),
+    "places": ("M", "C"),
     "hops": ("N", "N"),
 }
 SIZES = {
@@ -62,6 +70,7 @@ SIZES = {
     "wy": WINDOW,
     "F": len(ROBOT_FEATURES),
     "P": len(PAIR_FEATURES),
+    "C": len(PLACE_FEATURES),
     "xy": 2,
 }
 
@@ -69,7 +78,9 @@ TIME_SCALE = 10.0  # cells of the fastest robot
 LENGTH_SCALE_CELLS = 10.0
 RANK_SCALE = 16.0
 TARGET_RANK_SCALE = 32.0
-AGE_SCALE_S = 3.0
+AGE_SCALE_S = 10.0
+UNKNOWN_SCALE = 16.0  # cells
+PRIOR_TARGETS, PRIOR_CELLS = 3.0, 25.0  # the density of targets before anything is seen, and how much that weighs
 UNKNOWN_REACH = 2  # half side of the square round a target in which unknown cells are counted
 
 _SPAN = np.arange(-(WINDOW // 2), WINDOW // 2 + 1)
@@ -94,14 +105,21 @@ class ViewArrays:
     ages_s: Floats  # [..., N]
     present: Bools  # [..., N]
     hops: Ints  # [..., N, N]
-    targets: Ints  # [..., M, 2], sorted by x, then y
+    targets: Ints  # [..., M, 2], candidates: targets sorted by x, then y, and frontiers behind them
     listed: Bools  # [..., M]
+    dark: Ints  # [..., M], unknown cells round a frontier, 0 for targets
 
 
-def arrays_of(view: View) -> ViewArrays:
+def arrays_of(view: View, with_frontiers: bool = False) -> ViewArrays:
     """The arrays of one view, M padded to at least 1."""
     robots = view.robots
     count = len(view.targets)
+    targets, dark = view.targets.astype(np.int64), np.zeros(count, dtype=np.int64)
+    room = min(MOST_FRONTIERS, MAX_CANDIDATES - count)
+    if with_frontiers and room > 0:
+        cells, unknown = frontiers(view.belief, view.distances, room)
+        targets, dark = np.concatenate([targets, cells]), np.concatenate([dark, unknown])
+    count = len(targets)
     return ViewArrays(
         belief=view.belief,
         distances=view.distances,
@@ -113,14 +131,15 @@ def arrays_of(view: View) -> ViewArrays:
         ages_s=np.array([robot.age_ns * 1e-9 for robot in robots], dtype=np.float32),
         present=np.ones(len(robots), dtype=np.bool_),
         hops=view.hops.astype(np.int64),
-        targets=view.targets.astype(np.int64) if count else np.zeros((1, 2), dtype=np.int64),
+        targets=targets if count else np.zeros((1, 2), dtype=np.int64),
         listed=np.ones(count, dtype=np.bool_) if count else np.zeros(1, dtype=np.bool_),
+        dark=dark if count else np.zeros(1, dtype=np.int64),
     )
 
 
-def features(view: View) -> Inputs:
+def features(view: View, with_frontiers: bool = False) -> Inputs:
     """Input of the network for one view: names and axes of `AXES`, without batch axes."""
-    return features_of(arrays_of(view))
+    return features_of(arrays_of(view, with_frontiers))
 
 
 def features_of(view: ViewArrays) -> Inputs:
@@ -139,6 +158,7 @@ def features_of(view: ViewArrays) -> Inputs:
         "cells": cells,
         "valid": valid.astype(np.float32),
         "offsets": (view.targets - view.robots[..., :1, :]).astype(np.float32),
+        "places": _place_features(view),
         "hops": view.hops,
     }
 
@@ -189,7 +209,7 @@ def _gaussian(view: ViewArrays) -> Floats:
     offset = (view.targets[..., None, :, :] - view.robots[..., :, None, :]).astype(np.float32)
     gap = offset[..., None] - _SPAN.astype(np.float32)  # [..., N, M, 2, window]
     bell = np.exp(-(gap * gap) / np.float32(SIGMA * SIGMA))
-    along_x = bell[..., 0, :] * view.listed[..., None, :, None]
+    along_x = bell[..., 0, :] * (view.listed & (view.dark == 0))[..., None, :, None]
     along_y = bell[..., 1, :]
     best: Floats = (along_x[..., :, None] * along_y[..., None, :]).max(axis=-3)
     return best
@@ -259,6 +279,23 @@ def _pair_features(view: ViewArrays, lengths: Ints, rank: Floats, inside: Bools)
     out[..., 8] = inside
     out[..., 9:11] = offset / np.float32(LENGTH_SCALE_CELLS)
     out *= (view.listed[..., None, :] & view.present[..., :, None])[..., None]
+    return out
+
+
+def _place_features(view: ViewArrays) -> Floats:
+    """Whether a candidate is a frontier, the unknown cells round it, and how many targets they may hide."""
+    size = view.belief.shape[-2] * view.belief.shape[-1]
+    cells = view.belief.reshape(*view.belief.shape[:-2], size)
+    found = ((cells == CellState.TARGET) | (cells == CellState.LOCALIZED)).sum(axis=-1)
+    seen = (cells != CellState.UNKNOWN).sum(axis=-1) - (cells == CellState.OBSTACLE).sum(axis=-1)
+    density = (found.astype(np.float32) + np.float32(PRIOR_TARGETS)) / (
+        seen.astype(np.float32) + np.float32(PRIOR_CELLS)
+    )
+    dark = view.dark.astype(np.float32)
+    out = np.empty((*dark.shape, len(PLACE_FEATURES)), dtype=np.float32)
+    out[..., 0] = view.dark > 0
+    out[..., 1] = dark / np.float32(UNKNOWN_SCALE)
+    out[..., 2] = dark * density[..., None]
     return out
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -205,13 +206,22 @@ def read_log_line(data: bytes) -> LogLine:
 
 def robot_scene(decision: Decision, kind: RobotKind, spec: GridSpec, now_ns: int) -> bytes:
     """A foxglove.SceneUpdate of one robot: its body, its number, and the way it means to go."""
-    height = 1.5 if kind is RobotKind.UAV else 0.3
     assignment = decision.assignment
-    entity = SceneEntity_pb2.SceneEntity(
-        timestamp=_stamp(now_ns), frame_id=MAP_FRAME, id=robot_frame(decision.robot_id)
-    )
+    way = (assignment.path, assignment.cell) if assignment.kind is not TaskKind.HOLD else None
+    scene = _robot_scene(decision.robot_id, kind, decision.cell, way, assignment.reason.value, spec)
+    scene.entities[0].timestamp.CopyFrom(_stamp(now_ns))
+    return bytes(scene.SerializeToString())
+
+
+@lru_cache(maxsize=256)  # a robot shows the same for several ticks
+def _robot_scene(
+    robot_id: int, kind: RobotKind, cell: Cell, way: tuple[tuple[Cell, ...], Cell] | None, reason: str, spec: GridSpec
+) -> Any:
+    """What `robot_scene` serializes, but for its time, which alone may be changed. `way`: the path, and where to."""
+    height = 1.5 if kind is RobotKind.UAV else 0.3
+    entity = SceneEntity_pb2.SceneEntity(frame_id=MAP_FRAME, id=robot_frame(robot_id))
     color = _color(_ROBOT_RGB[kind])
-    x, y, z = (*_centre(decision.cell, spec), height * spec.cell_m)
+    x, y, z = (*_centre(cell, spec), height * spec.cell_m)
     size = Vector3_pb2.Vector3(x=0.6 * spec.cell_m, y=0.6 * spec.cell_m, z=0.2 * spec.cell_m)
     if kind is RobotKind.UAV:
         entity.spheres.append(SpherePrimitive_pb2.SpherePrimitive(pose=_pose(x, y, z), size=size, color=color))
@@ -224,12 +234,12 @@ def robot_scene(decision: Decision, kind: RobotKind, spec: GridSpec, now_ns: int
             font_size=14.0,
             scale_invariant=True,
             color=color,
-            text=f"{kind.name} {decision.robot_id} {assignment.reason.value}",
+            text=f"{kind.name} {robot_id} {reason}",
         )
     )
-    if assignment.kind is not TaskKind.HOLD:
-        entity.lines.append(_line([decision.cell, *assignment.path, assignment.cell], z, color, spec))
-    return bytes(SceneUpdate_pb2.SceneUpdate(entities=[entity]).SerializeToString())
+    if way is not None:
+        entity.lines.append(_line([cell, *way[0], way[1]], z, color, spec))
+    return SceneUpdate_pb2.SceneUpdate(entities=[entity])
 
 
 def map_scene(states: ByteGrid, spec: GridSpec, now_ns: int) -> bytes:

@@ -23,7 +23,8 @@ from gatar_edge.sim_sitl.autopilot import SimAutopilot
 from gatar_edge.sim_sitl.body import StackName
 from gatar_edge.sim_sitl.faults_file import parse_faults
 from gatar_edge.sim_sitl.faulty_link import End, split_frames
-from gatar_edge.sim_sitl.fleet import Fleet, FleetConfig
+from gatar_edge.sim_sitl.fleet import Fleet
+from gatar_edge.sim_sitl.fleet_config import FleetConfig
 from gatar_edge.sim_sitl.wire import mavlink
 from gatar_edge.sim_sitl.world import Team, observe, random_world
 from gatar_edge.types import NS_PER_S, GridSpec, RobotKind

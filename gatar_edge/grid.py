@@ -12,6 +12,7 @@ import numpy as np
 from gatar_edge.types import BoolGrid, ByteGrid, Cell, Cells, CellState, IntGrid, RobotKind
 
 UNREACHABLE = -1
+_OBSTACLE = np.uint8(CellState.OBSTACLE)
 
 
 def as_cells(mask: BoolGrid) -> Cells:
@@ -23,7 +24,7 @@ def passable(kind: RobotKind, belief: ByteGrid) -> BoolGrid:
     """Where a robot may go, as far as is known: bool [W, H]. Obstacles stop only ground robots."""
     if kind is RobotKind.UAV:
         return np.ones(belief.shape, dtype=np.bool_)
-    free: BoolGrid = belief != CellState.OBSTACLE
+    free: BoolGrid = belief != _OBSTACLE
     return free
 
 

@@ -16,11 +16,11 @@ import numpy as np
 from gatar_edge import features
 from gatar_edge.config import AgentConfig
 from gatar_edge.errors import ModelError
+from gatar_edge.features import MAX_CANDIDATES
 
 KEY = "gatar"
 FORMAT_VERSION = 1
 MAX_ROBOTS = 64
-MAX_CANDIDATES = 64
 OUTPUTS: dict[str, tuple[str, ...]] = {"scores": ("N", "M+1"), "xy": ("xy",), "attention": ("N",)}
 UNITS = {"cell": "grid cell", "time": "s", "speed": "cells/s", "xy": "10 cells from ego"}
 DTYPES = {"cells": "int64", "hops": "int64"}  # all others float32
@@ -43,6 +43,11 @@ class Manifest:
         """Names of the inputs that the model takes, of those in `features.AXES`."""
         return tuple(self.fields["inputs"])
 
+    @property
+    def looks_ahead(self) -> bool:
+        """Whether the model has frontiers among its candidates, and robots that are out of range among its robots."""
+        return "places" in self.inputs
+
 
 def fixed_fields() -> dict[str, Any]:
     """What this version's features are, as the contract says it."""
@@ -52,6 +57,7 @@ def fixed_fields() -> dict[str, Any]:
         "channels": list(features.CHANNELS),
         "robot_features": list(features.ROBOT_FEATURES),
         "pair_features": list(features.PAIR_FEATURES),
+        "place_features": list(features.PLACE_FEATURES),
         "window": features.WINDOW,
         "sigma": features.SIGMA,
         "epsilon": features.EPSILON,
@@ -115,12 +121,13 @@ def _equal(where: str, name: str, theirs: Any, ours: Any) -> None:
 
 
 def golden_view() -> features.ViewArrays:
-    """A fixed small view with a wall, an unreachable pair, a claimed task and a robot outside the graph."""
+    """A fixed small view with a wall, an unreachable pair, a claimed task, a frontier and two robots out of earshot."""
     belief = np.ones((15, 15), dtype=np.uint8)
     belief[7, 2:15] = 2
     belief[10:, 11:] = 0
     targets = np.array([[2, 2], [3, 9], [8, 3], [14, 14]])
     belief[targets[:, 0], targets[:, 1]] = 3
+    targets = np.concatenate([targets, [[12, 12]]])
     robots = np.array([[2, 4], [6, 8], [12, 1]])
     x, y = np.arange(15)[:, None], np.arange(15)[None, :]
     distances = np.stack([abs(x - i) + abs(y - j) for i, j in robots]).astype(np.int32)
@@ -137,7 +144,8 @@ def golden_view() -> features.ViewArrays:
         present=np.ones(3, dtype=np.bool_),
         hops=np.array([[0, 1, 2], [1, 0, -1], [2, -1, 0]]),
         targets=targets,
-        listed=np.ones(4, dtype=np.bool_),
+        listed=np.ones(5, dtype=np.bool_),
+        dark=np.array([0, 0, 0, 0, 12]),
     )
 
 

@@ -30,6 +30,8 @@ class Seen:
     outside_fence: list[str] = field(default_factory=list)  # commanded places
     separation_m: float = math.inf  # least between two robots in the air
     # Of each target that a dead robot leaves: ticks after its last message had expired ...
+    replanned_ticks: list[int] = field(default_factory=list)  # until nobody's joint solution counts on the dead robot
+    planned_ticks: list[int] = field(default_factory=list)  # until somebody's gives the target to a living robot
     taken_ticks: list[int] = field(default_factory=list)  # until somebody pursues it or has localized it
     neglected_ticks: list[int] = field(
         default_factory=list
@@ -41,8 +43,11 @@ class Seen:
 class Orphan:
     """The target of a dead robot; ticks."""
 
+    robot_id: int
     expired: int  # when its claim has lapsed
     neglected: int = 0
+    replanned: bool = False
+    planned: bool = False
 
 
 class Tap:
@@ -147,7 +152,7 @@ class Watch:
             goal = self._goals.pop(robot.robot_id, None)
             if goal is not None and not self._done(goal) and goal not in self._goals.values():
                 expiry_ticks = math.ceil(config.agent.max_age_s / config.tick_s)
-                self._orphans[goal] = Orphan(self._fleet.ticks + expiry_ticks)
+                self._orphans[goal] = Orphan(robot.robot_id, self._fleet.ticks + expiry_ticks)
 
     def _assignments(self) -> None:
         self._goals = {
@@ -157,12 +162,31 @@ class Watch:
         }
         for cell, orphan in list(self._orphans.items()):
             late = max(0, self._fleet.ticks - orphan.expired)
-            if cell in self._goals.values() or self._done(cell):
+            taken = cell in self._goals.values() or self._done(cell)
+            if not orphan.replanned and (taken or not self._counted_on(orphan.robot_id)):
+                orphan.replanned = True
+                self.seen.replanned_ticks.append(late)
+            if not orphan.planned and (taken or self._planned(cell)):
+                orphan.planned = True
+                self.seen.planned_ticks.append(late)
+            if taken:
                 self.seen.taken_ticks.append(late)
                 self.seen.neglected_ticks.append(orphan.neglected)
                 del self._orphans[cell]
             elif late:
                 orphan.neglected += any(self._idle_for(cell, decision) for decision in self._fleet.decisions)
+
+    def _counted_on(self, robot_id: int) -> bool:
+        """Whether a living robot still plans with this one."""
+        return any(robot.robot_id == robot_id for decision in self._fleet.decisions for robot in decision.robots)
+
+    def _planned(self, cell: Cell) -> bool:
+        """Whether the joint solution of a living robot gives the target to a living robot."""
+        return any(
+            choice >= 0 and decision.candidates[choice].cell == cell and robot.robot_id in self._alive
+            for decision in self._fleet.decisions
+            for robot, choice in zip(decision.robots, decision.choices, strict=True)
+        )
 
     def _idle_for(self, cell: Cell, decision: Decision) -> bool:
         """Whether a robot that knows the target and can go there has none."""

@@ -117,6 +117,11 @@ class NeighborTable:
             del found[self._max_neighbors :]
         return tuple(sorted(found, key=lambda neighbor: neighbor.robot_id))
 
+    def silent(self, now_ns: int, most_ns: int) -> tuple[Neighbor, ...]:
+        """Neighbours not heard for longer than the limit, but not for longer than `most_ns`; the last heard first."""
+        ages = ((neighbor.age_ns(now_ns), neighbor) for neighbor in reversed(self._authors.values()))
+        return tuple(neighbor for age, neighbor in ages if self._max_age_ns < age <= most_ns)
+
     def remembered(self) -> tuple[Neighbor, ...]:
         """The newest message of every author, the longest silent first."""
         return tuple(self._authors.values())

@@ -59,7 +59,9 @@ def decide(view: View, allocation: Allocation, task: Task, rules: Rules) -> Assi
         cell = _cell(view, index)
         reason = Reason.KEPT if task.kind is TaskKind.TARGET and task.cell == cell else Reason.ALLOCATED
         return _assign(view, TaskKind.TARGET, cell, reason, task, allocation)
-    frontier = frontier_for_ego(view, allocation.choices, rules.r_sense)
+    frontier = allocation.frontier
+    if frontier is None or view.distances[0][frontier] == UNREACHABLE:
+        frontier = frontier_for_ego(view, allocation.choices, rules.r_sense)
     if frontier is None:
         index = abandoned(view)
         if index != NO_TARGET:

@@ -101,7 +101,7 @@ class VehicleSection(_Section, frozen=True, kw_only=True):
     signing_key_file: str = ""  # the key of the autopilot's link, mode 0600; empty: nothing is signed
     drive: Literal["mission", "guided"] = "mission"  # how a UGV is driven
     launch: Literal["armed", "auto"] = "armed"  # take over, and take off, once a person has armed it; or arm it oneself
-    min_separation_m: Annotated[float, Meta(ge=0, le=1000)] = 0.0  # UGVs: rest no nearer to another; 0: not asked
+    min_separation_m: Annotated[float, Meta(ge=0, le=1000)] = 0.0  # UGVs: from where another rests; 0: not asked
     # what SIGTERM does: stop the vehicle, let a UAV return to launch, or leave it to its last order
     on_stop: Literal["hold", "return", "leave"] = "hold"
 

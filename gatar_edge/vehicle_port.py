@@ -6,10 +6,10 @@ from collections.abc import Callable
 from typing import Literal, Protocol
 
 from gatar_edge.bridge.driver import VehicleDriver
-from gatar_edge.bridge.safety import Neighbor
 from gatar_edge.bridge.status import EventKind, Status
 from gatar_edge.driver_memory import DriverMemory
 from gatar_edge.journal import Journal
+from gatar_edge.separation import Place
 from gatar_edge.types import VehicleCommand, VehicleState
 
 _QUIET = {EventKind.COMMAND, EventKind.STATUS, EventKind.RATES}  # in the log alone, not in the journal
@@ -60,7 +60,7 @@ class AutopilotPort:
         """Want this from now on; returns what passed the safety gate."""
         return self.driver.command(wanted, now_ns)
 
-    def neighbors(self, positions: tuple[Neighbor, ...]) -> None:
+    def neighbors(self, positions: tuple[Place, ...]) -> None:
         """Where other robots are that it must keep away from."""
         self.driver.neighbors(positions)
 

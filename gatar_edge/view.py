@@ -17,6 +17,7 @@ from gatar_edge.grid import UNREACHABLE, passable, path_lengths
 from gatar_edge.types import ByteGrid, Cell, Cells, IntGrid, RobotKind, RobotState
 
 Hops = npt.NDArray[np.int8]
+FAR_HOPS = 2  # of robots that are remembered but not heard
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +31,7 @@ class View:
     targets: Cells  # [M, 2], known and not localized, sorted by x, then y
     distances: IntGrid  # [N, W, H], steps from each robot to each cell, -1 unreachable
     lengths: IntGrid  # [N, M], `distances` at the targets
+    absent: tuple[RobotState, ...] = ()  # heard before, out of range now, where they are expected; sorted by id
 
 
 def build_view(
@@ -40,18 +42,47 @@ def build_view(
     r_comm: float,
     hop_limit: int,
     most: int,
+    absent: tuple[RobotState, ...] = (),
 ) -> View:
     """The view of `ego`, with at most `most` targets: the nearest to ego where more are known."""
     robots = (ego, *sorted(others, key=lambda robot: robot.robot_id))
-    free = {kind: passable(kind, belief) for kind in RobotKind}
-    distances = np.stack([path_lengths(robot.kind, robot.cell, free[robot.kind]) for robot in robots])
+    distances = distances_of(robots, belief)
     targets = known_targets(belief)
     if len(targets) > most:
         way = distances[0, targets[:, 0], targets[:, 1]]
         nearest = np.argsort(np.where(way == UNREACHABLE, np.iinfo(np.int32).max, way), kind="stable")[:most]
         targets = targets[np.sort(nearest)]
     lengths = distances[:, targets[:, 0], targets[:, 1]]
-    return View(now_ns, robots, hop_counts(robots, r_comm, hop_limit), belief, targets, distances, lengths)
+    return View(now_ns, robots, hop_counts(robots, r_comm, hop_limit), belief, targets, distances, lengths, absent)
+
+
+def distances_of(robots: Sequence[RobotState], belief: ByteGrid) -> IntGrid:
+    """Steps from each robot to each cell: int32 [N, W, H], -1 unreachable."""
+    free = {kind: passable(kind, belief) for kind in RobotKind}
+    return np.stack([path_lengths(robot.kind, robot.cell, free[robot.kind]) for robot in robots])
+
+
+def with_absent(view: View) -> View:
+    """The view with the absent robots among its robots, `FAR_HOPS` from everybody; so are all that are out of range."""
+    if not view.absent:
+        return replace(view, hops=_far(view.hops))
+    robots = (view.robots[0], *sorted((*view.robots[1:], *view.absent), key=lambda robot: robot.robot_id))
+    old = {robot.robot_id: row for row, robot in enumerate(view.robots)}
+    rows = [old.get(robot.robot_id, -1) for robot in robots]
+    new = np.array([row < 0 for row in rows])
+    hops = np.where(new[:, None] | new[None, :], -1, view.hops[np.ix_(rows, rows)]).astype(np.int8)
+    np.fill_diagonal(hops, 0)
+    distances = view.distances[rows]
+    distances[new] = distances_of([robot for robot in robots if robot.robot_id not in old], view.belief)
+    lengths = distances[:, view.targets[:, 0], view.targets[:, 1]]
+    return replace(view, robots=robots, hops=_far(hops), distances=distances, lengths=lengths)
+
+
+def _far(hops: Hops) -> Hops:
+    """What is out of ego's graph lies `FAR_HOPS` from everybody."""
+    out = hops[0] < 0
+    far = np.where((out[:, None] | out[None, :]) & ~np.eye(len(hops), dtype=np.bool_), FAR_HOPS, hops)
+    return far.astype(np.int8)
 
 
 def without(view: View, cells: Iterable[Cell]) -> View:

@@ -111,6 +111,8 @@ class SimAutopilot:
 
     def take(self) -> bytes:
         """All that was sent since the last call, as MAVLink 2 frames."""
+        if not self._core.outbox:
+            return b""
         sends, self._core.outbox = self._core.outbox, []
         self._wire.pass_time(self._core.now_ns)
         return b"".join(map(self._wire.pack, sends))

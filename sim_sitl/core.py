@@ -9,6 +9,8 @@ from dataclasses import replace
 from enum import Enum
 from typing import Any, Protocol
 
+from msgspec import structs
+
 from gatar_edge.sim_sitl.autopilot_config import AutopilotConfig, Truth
 from gatar_edge.sim_sitl.geodesy import LocalFrame
 from gatar_edge.sim_sitl.mission_items import Item
@@ -222,7 +224,7 @@ class Core:
         if not self.is_armed:
             return
         self.is_armed, self.lift, self.nav, self.phase = False, False, None, Phase.NONE
-        self.body = replace(self.body, up_m=0.0, east_m_s=0.0, north_m_s=0.0, up_m_s=0.0)
+        self.body = structs.replace(self.body, up_m=0.0, east_m_s=0.0, north_m_s=0.0, up_m_s=0.0)
         self.landed = self.is_copter
         self.stack.disarmed(self)
 
@@ -242,13 +244,13 @@ class Core:
 
     def discharge(self, charge: float) -> None:
         """The battery drops to `charge` (0 to 1); one that is lower already stays so."""
-        self.body = replace(self.body, charge=min(self.body.charge, charge))
+        self.body = structs.replace(self.body, charge=min(self.body.charge, charge))
 
     def mislead(self, east_m: float, north_m: float) -> None:
         """From now on the vehicle believes to be so much further east and north than before."""
         gps, body = self.gps, self.body
         self.gps = replace(gps, east_m=gps.east_m + east_m, north_m=gps.north_m + north_m)
-        self.body = replace(body, east_m=body.east_m + east_m, north_m=body.north_m + north_m)
+        self.body = structs.replace(body, east_m=body.east_m + east_m, north_m=body.north_m + north_m)
 
     # Motion
 
@@ -285,7 +287,7 @@ class Core:
             self.stack.lifted(self)
         elif not self.landed and self.body.up_m <= _FLOATING_M and self.body.up_m_s <= 0.0:
             self.landed, self.idle_since_ns = True, self.now_ns
-            self.body = replace(self.body, east_m_s=0.0, north_m_s=0.0, up_m_s=0.0)
+            self.body = structs.replace(self.body, east_m_s=0.0, north_m_s=0.0, up_m_s=0.0)
             self.stack.touched(self)
 
     def _follow_phase(self) -> None:

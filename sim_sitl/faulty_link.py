@@ -57,11 +57,14 @@ class FaultyLink:
 
     def send(self, now_ns: int, sender: End, data: bytes) -> None:
         """Send frames from one end."""
+        if not data:
+            return
         if self.tap is not None:
             self.tap(sender, data)
+        lane, receiver = self._lanes[sender], sender.other
         for frame in split_frames(data):
-            for due_ns, arriving in self._lanes[sender].carry(now_ns, frame):
-                self._in_flight.add(due_ns, sender.other, arriving)
+            for due_ns, arriving in lane.carry(now_ns, frame):
+                self._in_flight.add(due_ns, receiver, arriving)
 
     def deliver(self, now_ns: int) -> list[tuple[End, bytes]]:
         """(receiving end, frame) for all that has arrived by now."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import msgspec
@@ -18,20 +17,19 @@ from gatar_edge.agent import Agent, Identity, Inbox
 from gatar_edge.allocators.base import Allocator
 from gatar_edge.bridge.driver import VehicleDriver
 from gatar_edge.bridge.settings import DriverConfig
-from gatar_edge.config import AgentConfig
 from gatar_edge.foxglove import Level
 from gatar_edge.health import Shunned
 from gatar_edge.keys import DEMO_KEY
 from gatar_edge.record import Recorder
 from gatar_edge.separation import occupied
-from gatar_edge.sim_sitl.body import Body, StackName
-from gatar_edge.sim_sitl.faults import Faults
+from gatar_edge.sim_sitl.body import Body
 from gatar_edge.sim_sitl.faulty_link import End, FaultyLink
+from gatar_edge.sim_sitl.fleet_config import FleetConfig
 from gatar_edge.sim_sitl.incident_types import ClockSkew, KillCompanion
 from gatar_edge.sim_sitl.incidents import Script, Turn, happen
 from gatar_edge.sim_sitl.radio import Radio
 from gatar_edge.sim_sitl.tally import Result, Tally
-from gatar_edge.sim_sitl.world import World, observe
+from gatar_edge.sim_sitl.world import observe
 from gatar_edge.types import (
     NS_PER_S,
     Cell,
@@ -42,29 +40,6 @@ from gatar_edge.types import (
 )
 
 PUMPS = 8  # exchanges between driver and autopilot within one instant, at most
-
-
-@dataclass(frozen=True, slots=True)
-class FleetConfig:
-    """One simulated mission."""
-
-    world: World
-    agent: AgentConfig
-    stacks: tuple[StackName, ...]  # by robot index
-    faults: Faults = field(default_factory=Faults)  # times of kills count from the end of the launch
-    speed_m_s: float = 5.0
-    altitude_m: float = 15.0
-    altitude_step_m: float = 2.0  # every UAV has its own layer
-    min_separation_m: float = 0.0  # between ground robots at rest; 0: not asked
-    physics_s: float = 0.1
-    tick_s: float = 0.5
-    launch_timeout_s: float = 120.0
-    max_steps: int = 500
-
-    @property
-    def step_ns(self) -> int:
-        """A step: the time in which a robot at cruise speed crosses one cell."""
-        return int(self.agent.grid.cell_m / self.speed_m_s * NS_PER_S)
 
 
 class Gateway(Protocol):
@@ -251,7 +226,7 @@ class Fleet:
                     continue
                 heard = robot.agent.hear(datagram, now_ns + robot.skew_ns)
                 if self.log is not None:
-                    self.log.heard(receiver, datagram, heard.outcome.value, now_ns + robot.skew_ns)
+                    self.log.heard(receiver, datagram, heard.outcome, now_ns + robot.skew_ns)
                 if heard.relay is not None:
                     self._send(robot, heard.relay, positions, now_ns)
 

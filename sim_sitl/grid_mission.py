@@ -6,7 +6,7 @@ Thousands of missions for comparing allocators; `fleet` flies the same agents wi
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from gatar_edge.agent import Agent, Identity
@@ -31,39 +31,54 @@ class GridMission:
     radio: LinkFaults = field(default_factory=LinkFaults)
     max_steps: int = 500
     rounds: int = 3  # of messages between allocators that talk, in each step
+    deaths: Mapping[int, int] = field(default_factory=dict)  # step at which a robot id falls silent and stands still
 
 
-def fly(mission: GridMission, allocator: Callable[[], Allocator]) -> Result:
-    """Fly until every reachable target is localized or `max_steps` have passed; deterministic but for latencies."""
+def fly(
+    mission: GridMission,
+    allocator: Callable[[], Allocator],
+    watch: Callable[[int, Mapping[int, Cell]], None] = lambda step, cells: None,
+) -> Result:
+    """Fly until every reachable target is localized or `max_steps` have passed; deterministic but for latencies.
+
+    `watch` is told, after each step and once before the first, where each robot that lives is, by id.
+    """
     world = mission.world
-    agents = [
-        Agent(Identity(robot_id, kind, 1.0), mission.config, allocator(), DEMO_KEY)
+    agents = {
+        robot_id: Agent(Identity(robot_id, kind, 1.0), mission.config, allocator(), DEMO_KEY)
         for robot_id, kind in zip(world.team.ids, world.team.kinds, strict=True)
-    ]
+    }
     radio = Radio(mission.config.r_comm, mission.radio, world.seed)
-    cells: list[Cell] = list(world.starts)
-    tally = Tally(world, agents[0].allocator.name)
+    cells: dict[int, Cell] = dict(zip(world.team.ids, world.starts, strict=True))
+    tally = Tally(world, agents[world.team.ids[0]].allocator.name)
     step = 0
-    while tally.left and step < mission.max_steps:
+    watch(step, cells)
+    while tally.left and agents and step < mission.max_steps:
         now_ns = step * STEP_NS
+        for robot_id in [one for one in agents if mission.deaths.get(one, mission.max_steps) <= step]:
+            del agents[robot_id], cells[robot_id]
         exchange(agents, radio, cells, mission, now_ns, tally)
-        decisions = [_decide(agent, now_ns, tally) for agent in agents]
-        tally.decided_together(decisions)
+        decisions = {robot_id: _decide(agent, now_ns, tally) for robot_id, agent in agents.items()}
+        tally.decided_together(list(decisions.values()))
         step += 1
-        for index, decision in enumerate(decisions):
+        for robot_id, decision in decisions.items():
             cell = next_cell(decision, world)
-            tally.travel(world.team.kinds[index], float(cell != cells[index]))
-            cells[index] = cell
+            tally.travel(world.team.kinds[robot_id - 1], float(cell != cells[robot_id]))
+            cells[robot_id] = cell
             tally.visit(cell, step)
+        watch(step, cells)
     return tally.result(step)
 
 
 def exchange(
-    agents: list[Agent], radio: Radio, cells: list[Cell], mission: GridMission, now_ns: int, tally: Tally
+    by_id: Mapping[int, Agent],
+    radio: Radio,
+    positions: Mapping[int, Cell],
+    mission: GridMission,
+    now_ns: int,
+    tally: Tally,
 ) -> None:
     """Everybody looks and tells; what is heard is passed on at once. Then allocators that talk have their rounds."""
-    positions = {agent.identity.robot_id: cell for agent, cell in zip(agents, cells, strict=True)}
-    by_id = {agent.identity.robot_id: agent for agent in agents}
 
     def send(sender: int, datagram: bytes) -> None:
         tally.sent(datagram)
@@ -72,6 +87,8 @@ def exchange(
     def deliver() -> None:
         while deliveries := radio.deliver(now_ns):
             for receiver, datagram in deliveries:
+                if receiver not in by_id:
+                    continue  # it died while the message was on its way
                 relay = by_id[receiver].hear(datagram, now_ns).relay
                 if relay is not None:
                     send(receiver, relay)

@@ -32,6 +32,8 @@ class Radio:
         self._began_ns: int | None = None
         self._lanes: dict[tuple[int, int], Lane] = {}
         self._in_flight: InFlight[int] = InFlight()
+        self._positions: dict[int, Position] = {}
+        self._near: dict[int, tuple[int, ...]] = {}  # who is in range of whom at `_positions`
         self.sent = self.delivered = self.sent_bytes = 0
 
     def begin(self, now_ns: int) -> None:
@@ -44,11 +46,7 @@ class Radio:
         """Broadcast: `positions` holds the cells of all robots that exist now, the sender among them."""
         self.sent += 1
         self.sent_bytes += len(datagram)
-        x, y = positions[sender]
-        for receiver in sorted(positions):
-            there = positions[receiver]
-            if receiver == sender or math.hypot(there[0] - x, there[1] - y) > self._range_cells:
-                continue
+        for receiver in self._in_range(sender, positions):
             for due_ns, arriving in self._lane(sender, receiver).carry(now_ns, datagram):
                 self._in_flight.add(due_ns, receiver, arriving)
 
@@ -57,6 +55,20 @@ class Radio:
         arrived = self._in_flight.take(now_ns)
         self.delivered += len(arrived)
         return arrived
+
+    def _in_range(self, sender: int, positions: Mapping[int, Position]) -> tuple[int, ...]:
+        """Who hears the sender: worked out once for all that is sent while nobody moves."""
+        if positions != self._positions:
+            self._positions, self._near = dict(positions), {}
+        near = self._near.get(sender)
+        if near is None:
+            x, y = positions[sender]
+            near = self._near[sender] = tuple(
+                receiver
+                for receiver, there in sorted(positions.items())
+                if receiver != sender and math.hypot(there[0] - x, there[1] - y) <= self._range_cells
+            )
+        return near
 
     def _lane(self, sender: int, receiver: int) -> Lane:
         lane = self._lanes.get((sender, receiver))

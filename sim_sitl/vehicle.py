@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+
+import msgspec
+from msgspec.structs import replace
 
 Blocked = Callable[[float, float], bool]
 
@@ -29,8 +32,7 @@ class Limits:
     endurance_s: float = _NO_DRAIN_S  # of a full battery while armed
 
 
-@dataclass(frozen=True, slots=True)
-class Body:
+class Body(msgspec.Struct, frozen=True):
     """Where a vehicle is and how it moves; heading clockwise from north, `charge` 0 to 1."""
 
     east_m: float = 0.0

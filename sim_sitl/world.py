@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -117,17 +118,22 @@ def random_world(team: Team, targets: int | None, width: int, height: int, seed:
 def observe(world: World, robot_id: int, cell: Cell, r_sense: float, t_ns: int) -> Observation:
     """What robot `robot_id` sees from `cell`. Targets look the same before and after a visit."""
     kind = world.team.kinds[robot_id - 1]
-    seen = field_of_view(kind, cell, world.obstacles, r_sense)
-    targets = world.targets
-    return Observation(
-        robot_id=robot_id,
-        kind=kind,
-        cell=cell,
-        seen=as_cells(seen),
-        obstacles=as_cells(seen & world.obstacles),
-        targets=targets[seen[targets[:, 0], targets[:, 1]]],
-        t_ns=t_ns,
-    )
+    truth = (world.obstacles.tobytes(), world.targets.tobytes(), world.shape)
+    return Observation(robot_id, kind, cell, *_in_view(kind, cell, r_sense, *truth), t_ns=t_ns)
+
+
+@lru_cache(maxsize=1024)  # a robot stays in a cell for several ticks, and the truth is what it is
+def _in_view(
+    kind: RobotKind, cell: Cell, r_sense: float, obstacles: bytes, targets: bytes, shape: tuple[int, int]
+) -> tuple[Cells, Cells, Cells]:
+    """Cells, obstacles and targets in view from `cell`, read-only."""
+    blocked = np.frombuffer(obstacles, dtype=np.bool_).reshape(shape)
+    there = np.frombuffer(targets, dtype=np.int16).reshape(-1, 2)
+    seen = field_of_view(kind, cell, blocked, r_sense)
+    found = as_cells(seen), as_cells(seen & blocked), there[seen[there[:, 0], there[:, 1]]]
+    for cells in found:
+        cells.flags.writeable = False
+    return found
 
 
 def reachable_cells(world: World, robot_id: int) -> BoolGrid:

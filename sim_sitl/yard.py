@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from gatar_edge.perception import encode_observation
 from gatar_edge.sim_sitl.body import Body
-from gatar_edge.sim_sitl.fleet import FleetConfig
+from gatar_edge.sim_sitl.fleet_config import FleetConfig
 from gatar_edge.sim_sitl.radio import Radio
 from gatar_edge.sim_sitl.realtime import UdpSocket
 from gatar_edge.sim_sitl.tally import Result, Tally

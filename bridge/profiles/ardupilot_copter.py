@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from types import MappingProxyType
 
+from gatar_edge.bridge.dialect import AUTOPILOT_ARDUPILOT, Frame
 from gatar_edge.bridge.profiles.base import HoldBy, Profile, SetCurrent, Takeoff
-from gatar_edge.bridge.wire import AUTOPILOT_ARDUPILOT, Frame
 from gatar_edge.types import RobotKind
 
 _STABILIZE, _ALT_HOLD, _AUTO, _GUIDED, _LOITER, _RTL, _LAND = 0, 2, 3, 4, 5, 6, 9

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from types import MappingProxyType
 
+from gatar_edge.bridge.dialect import AUTOPILOT_ARDUPILOT, Frame
 from gatar_edge.bridge.profiles.base import HoldBy, Profile, SetCurrent, Takeoff
-from gatar_edge.bridge.wire import AUTOPILOT_ARDUPILOT, Frame
 from gatar_edge.types import RobotKind
 
 _MANUAL, _HOLD, _AUTO, _RTL, _GUIDED, _INITIALISING = 0, 4, 10, 11, 15, 16

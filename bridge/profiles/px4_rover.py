@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from types import MappingProxyType
 
+from gatar_edge.bridge.dialect import AUTOPILOT_PX4, Frame
 from gatar_edge.bridge.profiles.base import HoldBy, Profile, SetCurrent, Takeoff
 from gatar_edge.bridge.profiles.px4_modes import LOITER, MANUAL, MISSION, MODES, RTL
-from gatar_edge.bridge.wire import AUTOPILOT_PX4, Frame
 from gatar_edge.types import RobotKind
 
 PROFILE = Profile(

@@ -8,7 +8,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from gatar_edge.types import Floats
+from gatar_edge.types import Cell, Floats
 from gatar_edge.view import View
 
 NO_TARGET = -1
@@ -23,6 +23,7 @@ class Allocation:
     scores: Floats  # [N, M], higher is better, -inf where impossible
     xy: tuple[float, float] | None = None  # the paper's output for ego, in cells
     attention: tuple[float, ...] = ()  # of ego over the robots of the graph
+    frontier: Cell | None = None  # where ego is to go and look; None leaves it to the rule of `explore`
 
 
 class Allocator(Protocol):

@@ -1,8 +1,9 @@
 """The learned allocator: a network's scores, decoded by one small linear assignment over the graph.
 
 Every robot of a graph solves the same assignment in the same order of ids, so that two robots with the same view never
-take the same target. No robot goes without while a target that it can reach is free: a known target is worth more than
-what may lie behind the frontier.
+take the same target. No robot goes without while a candidate that it can reach is free. A model that looks ahead also
+reckons with robots that are out of range, and has frontiers among its candidates; for the others, a known target is
+worth more than what may lie behind the frontier.
 """
 
 from __future__ import annotations
@@ -15,15 +16,17 @@ import numpy.typing as npt
 
 from gatar_edge.allocators.base import NO_TARGET, Allocation, Choices, in_id_order
 from gatar_edge.config import AgentConfig
-from gatar_edge.features import features
+from gatar_edge.explore import FRONTIER_BLOCK
+from gatar_edge.features import arrays_of, features_of
 from gatar_edge.grid import UNREACHABLE
 from gatar_edge.manifest import check_config
 from gatar_edge.policy import Policy
-from gatar_edge.types import Floats
-from gatar_edge.view import View
+from gatar_edge.types import Floats, TaskKind
+from gatar_edge.view import View, with_absent
 
 IMPOSSIBLE = 1e6  # cost of a pair that must not be chosen
 LEAST = 1e-9  # probability below which there is no difference
+HABIT = 0.7  # log of how much more likely another candidate must be to be worth a change
 UNWANTED = 1e3  # cost of going without: more than the least likely target
 
 
@@ -39,27 +42,58 @@ class Gatar:
 
     def allocate(self, view: View) -> Allocation:
         """See `allocators.base.Allocator`. Raises ModelError when the network errs: fall back to a rule."""
-        output = self.policy.run(features(view))
+        ahead = self.policy.manifest.looks_ahead
+        whole = with_absent(view) if ahead else view
+        arrays = arrays_of(whole, with_frontiers=ahead)
+        output = self.policy.run(features_of(arrays))
+        places = arrays.targets[arrays.listed]
+        possible = whole.distances[:, places[:, 0], places[:, 1]] != UNREACHABLE
+        scores = output.scores[:, [*range(len(places)), -1]]
+        joint = decode(scores, possible, in_id_order(whole), in_hand(whole, places))
         count = len(view.targets)
-        possible = view.lengths != UNREACHABLE
+        ids = [robot.robot_id for robot in whole.robots]
+        rows = [ids.index(robot.robot_id) for robot in view.robots]
+        choices = np.where(joint[rows] < count, joint[rows], NO_TARGET).astype(np.int32)
         x, y = view.robots[0].cell
         return Allocation(
-            choices=decode(output.scores[:, [*range(count), -1]], possible, in_id_order(view)),
-            scores=np.where(possible, output.scores[:, :count], -np.inf).astype(np.float32),
+            choices=choices,
+            scores=np.where(possible, scores[:, :-1], -np.inf)[rows, :count].astype(np.float32),
             xy=(x + float(output.xy[0]), y + float(output.xy[1])),
-            attention=tuple(float(share) for share in output.attention),
+            attention=tuple(float(share) for share in output.attention[rows]),
+            frontier=(int(places[joint[0], 0]), int(places[joint[0], 1])) if joint[0] >= count else None,
         )
 
 
-def decode(scores: Floats, possible: npt.NDArray[np.bool_], order: npt.NDArray[np.int64]) -> Choices:
+def in_hand(view: View, places: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+    """Which candidates [M, 2] the robots are on their way to: bool [N, M]; a frontier is the same in all its block."""
+    same = np.zeros((len(view.robots), len(places)), dtype=np.bool_)
+    count = len(view.targets)
+    for row, robot in enumerate(view.robots):
+        if robot.task is TaskKind.TARGET:
+            same[row, :count] = (places[:count] == np.array(robot.task_cell)).all(axis=1)
+        elif robot.task is TaskKind.EXPLORE:
+            block = np.array(robot.task_cell) // FRONTIER_BLOCK
+            same[row, count:] = (places[count:] // FRONTIER_BLOCK == block).all(axis=1)
+    return same
+
+
+def decode(
+    scores: Floats,
+    possible: npt.NDArray[np.bool_],
+    order: npt.NDArray[np.int64],
+    held: npt.NDArray[np.bool_] | None = None,
+) -> Choices:
     """The most likely joint choice by scores [N, M + 1] (probabilities, last: no target) and possible [N, M]; rows are
-    solved in `order`.
+    solved in `order`. What a robot is on its way to (`held` [N, M]) is worth `HABIT` more: plans that flip between
+    equals would never arrive.
     """
     robots, count = possible.shape
     choices = np.full(robots, NO_TARGET, dtype=np.int32)
     if count == 0:
         return choices
     likely = np.log(np.maximum(scores.astype(np.float64), LEAST))
+    if held is not None:
+        likely[:, :-1] += HABIT * held
     cost = np.empty((robots, count + robots))
     cost[:, :count] = np.where(possible, -likely[:, :-1], IMPOSSIBLE)
     cost[:, count:] = (UNWANTED - likely[:, -1])[:, None]

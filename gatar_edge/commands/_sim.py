@@ -12,7 +12,8 @@ import click
 from gatar_edge.errors import ConfigError
 
 if TYPE_CHECKING:
-    from gatar_edge.sim_sitl.fleet import Fleet, FleetConfig, Gateway
+    from gatar_edge.sim_sitl.fleet import Fleet, Gateway
+    from gatar_edge.sim_sitl.fleet_config import FleetConfig
     from gatar_edge.sim_sitl.yard import Yard
 
 
@@ -34,7 +35,7 @@ def fleet_config(
     from gatar_edge.config import AgentConfig
     from gatar_edge.sim_sitl.faults import Faults, LinkFaults
     from gatar_edge.sim_sitl.faults_file import load_faults
-    from gatar_edge.sim_sitl.fleet import FleetConfig
+    from gatar_edge.sim_sitl.fleet_config import FleetConfig
     from gatar_edge.sim_sitl.world import Team, random_world
     from gatar_edge.types import GridSpec
 

@@ -13,7 +13,7 @@ from gatar_edge.errors import ConfigError
 
 if TYPE_CHECKING:
     from gatar_edge.mission_watch import Seen
-    from gatar_edge.sim_sitl.fleet import FleetConfig
+    from gatar_edge.sim_sitl.fleet_config import FleetConfig
 
 KILLED_S = (2.0, 12.0)  # of the mission
 
@@ -64,6 +64,8 @@ def summary(flown: list[Flown]) -> dict[str, Any]:
     """The figures over all missions."""
     separations = [mission.seen.separation_m for mission in flown]
     taken = sorted(ticks for mission in flown for ticks in mission.seen.taken_ticks)
+    planned = sorted(ticks for mission in flown for ticks in mission.seen.planned_ticks)
+    replanned = sorted(ticks for mission in flown for ticks in mission.seen.replanned_ticks)
     neglected = sorted(ticks for mission in flown for ticks in mission.seen.neglected_ticks)
     steps = sorted(mission.steps for mission in flown)
     return {
@@ -77,7 +79,10 @@ def summary(flown: list[Flown]) -> dict[str, Any]:
         "steps_max": steps[-1],
         "killed": sum(mission.killed for mission in flown),
         "orphaned_targets": len(taken),
+        "replanned_ticks_p95": _p95(replanned),
         "neglected_ticks_p95": _p95(neglected),
+        "planned_ticks_median": planned[len(planned) // 2] if planned else None,
+        "planned_ticks_p95": _p95(planned),
         "taken_ticks_median": taken[len(taken) // 2] if taken else None,
         "taken_ticks_p95": _p95(taken),
     }
@@ -110,8 +115,15 @@ def command(seeds: str, allocator: str, kills: int, as_json: bool, **options: An
     """Fly missions over bad links; exit code 1 if a target is left, a UGV enters an obstacle, or a command leaves
     the fence.
 
-    A dead robot's target counts from the moment its last message has expired: how long until somebody pursues it
-    (taken), and how much of that somebody who could have gone had no target at all (neglected).
+    A dead robot's target, where no other robot pursued it, counts from the tick at which the robot's last message has
+    expired. In ticks:
+
+    \b
+      replanned  until no living robot's joint solution counts on the dead one any more
+      planned    until some living robot's joint solution gives the target to a living robot: a solution gives each
+                 robot one target, so that a target far from all waits while all have nearer ones
+      taken      until somebody pursues it, or has localized it: robots finish the targets that they have first
+      neglected  of these, ticks at which a robot that knew of it and could have gone had no target at all
 
     \b
     Example:

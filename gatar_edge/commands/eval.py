@@ -15,7 +15,10 @@ if TYPE_CHECKING:
     from gatar_edge.allocators.base import Allocator
     from gatar_edge.learn.evaluate import Score
 
-PARTS = {"missions": "fly many missions with every allocator"}
+PARTS = {
+    "missions": "fly many missions with every allocator",
+    "paper": "train the paper's networks and make its tables and figures",
+}
 PAPER = {"mean": 1.6308, "median": 0.8156, "p90": 4.3928}  # Table 2, GATAR, 6A6G, on the authors' data
 LABELS = {
     "gatar": "gatar (chosen target)", "gatar_xy": "gatar (x-y output)", "greedy_shared": "greedy on the shared view",

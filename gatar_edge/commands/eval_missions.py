@@ -37,6 +37,7 @@ LINE_EVERY_S = 10.0
 @click.option("--r-comm", type=click.FloatRange(0, 10_000), default=6.0, show_default=True, help="Cells.")
 @click.option("--loss", type=click.FloatRange(0, 1), default=0.0, show_default=True, help="Share of messages lost.")
 @click.option("--delay-ticks", type=click.IntRange(0, 100), default=0, show_default=True, help="Of every message.")
+@click.option("--kills", type=click.IntRange(0, 63), default=0, show_default=True, help="Robots lost on the way.")
 @click.option("--follow", is_flag=True, help="Follow the allocator at every tick; else tasks are kept, as on vehicles.")
 @click.option("--max-steps", type=click.IntRange(1, 100_000), default=500, show_default=True)
 @click.option(
@@ -81,7 +82,7 @@ def command(
 def flights_of(campaign: Campaign, names: Sequence[str]) -> list[Flight]:
     """All flights, mission by mission. Raises for bad names, models and worlds before anything flies."""
     from gatar_edge.allocators.registry import make
-    from gatar_edge.campaign import Flight, world_of
+    from gatar_edge.campaign import Flight, deaths_of, world_of
     from gatar_edge.errors import ConfigError
 
     if not names:
@@ -89,6 +90,7 @@ def flights_of(campaign: Campaign, names: Sequence[str]) -> list[Flight]:
     for name in names:
         make(name)
     world_of(campaign, campaign.seed)
+    deaths_of(campaign, campaign.seed)
     return [Flight(campaign, name, seed) for seed in campaign.seeds for name in names]
 
 
@@ -127,7 +129,8 @@ def table(campaign: Campaign, summary: dict[str, dict[str, Any]]) -> str:
     lines = [
         f"{campaign.missions} missions of {campaign.team}, seeds {campaign.seed}.., {place}",
         f"r_sense {campaign.r_sense:g}, r_comm {campaign.r_comm:g}, loss {campaign.loss:g}, "
-        f"delay {campaign.delay_ticks}, tasks {'follow the allocator' if campaign.follow else 'kept'}; 95 % intervals",
+        f"delay {campaign.delay_ticks}, kills {campaign.kills}, tasks "
+        f"{'follow the allocator' if campaign.follow else 'kept'}; 95 % intervals",
         f"{'allocator':<20}{'steps to 100 %':<22}{'to 90 %':<22}{'mean time':<22}{'localized':<11}against greedy",
     ]
     for name, row in summary.items():

@@ -12,7 +12,7 @@ from gatar_edge.commands._sim import fleet_config, open_fleet, progress
 from gatar_edge.errors import ConfigError
 
 if TYPE_CHECKING:
-    from gatar_edge.sim_sitl.fleet import FleetConfig
+    from gatar_edge.sim_sitl.fleet_config import FleetConfig
     from gatar_edge.sim_sitl.tally import Result
 
 STACKS = ("ardupilot", "px4", "mixed")

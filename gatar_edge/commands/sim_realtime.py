@@ -11,7 +11,8 @@ import click
 from gatar_edge.errors import LinkError
 
 if TYPE_CHECKING:
-    from gatar_edge.sim_sitl.fleet import Fleet, FleetConfig
+    from gatar_edge.sim_sitl.fleet import Fleet
+    from gatar_edge.sim_sitl.fleet_config import FleetConfig
     from gatar_edge.sim_sitl.realtime import UdpSocket
     from gatar_edge.sim_sitl.tally import Result
     from gatar_edge.sim_sitl.yard import Yard

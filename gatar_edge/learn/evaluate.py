@@ -16,7 +16,8 @@ import numpy.typing as npt
 
 from gatar_edge.allocators.base import NO_TARGET, Allocation, Allocator
 from gatar_edge.learn.dataset import LONGEST_EPISODE, STEP_DTYPE
-from gatar_edge.learn.episodes import DRIVEN_BY_EXPERT, NO_LABEL, episode
+from gatar_edge.learn.episodes import DRIVEN_BY_EXPERT, NO_LABEL, VOTES, episode
+from gatar_edge.learn.plans import GREEDY
 from gatar_edge.learn.views import Batch, Group, batch_of
 from gatar_edge.sim_sitl.world import VALIDATION_SEEDS, Team, random_world
 from gatar_edge.types import NS_PER_S, RobotKind, RobotState, TaskKind
@@ -24,7 +25,7 @@ from gatar_edge.view import View
 
 TEST_SEEDS = VALIDATION_SEEDS  # seeds below are for tests
 SAMPLES_PER_WORLD = 20  # of about 90: samples of one world are alike
-CHUNK = 256  # views built together
+CHUNK = 64  # views built together
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,23 +67,33 @@ class Score:
     knowable: Distances
 
 
+BatchRule = Callable[[Batch], list[Allocation]]  # decides on all views of a batch at once
+
+
 def evaluate(
     rules: Mapping[str, Allocator],
     conditions: Conditions,
     progress: Callable[[float, str], None] = lambda share, t: None,
+    batch_rules: Mapping[str, BatchRule] | None = None,
 ) -> dict[str, Score]:
-    """Score each rule on the same samples; "gatar_xy" is added where a rule named "gatar" gives x-y."""
+    """Score each rule on the same samples; NAME_xy is added where the rule NAME gives x-y."""
     group = worlds(conditions)
     labelled = np.flatnonzero(group.robots[..., 2].ravel() != NO_LABEL)
     rng = np.random.default_rng(conditions.seed)
     chosen = rng.permutation(labelled)[: conditions.samples]
-    gaps: dict[str, list[float]] = {name: [] for name in (*rules, "gatar_xy")}
+    batch_rules = batch_rules or {}
+    gaps: dict[str, list[float]] = {key: [] for name in (*rules, *batch_rules) for key in (name, f"{name}_xy")}
     knowable: list[bool] = []
     for first in range(0, len(chosen), CHUNK):
         batch = batch_of(group, chosen[first : first + CHUNK])
         knowable.extend(batch.knowable.tolist())
+        together = {name: rule(batch) for name, rule in batch_rules.items()}
         for index in range(len(batch.chosen)):
-            _judge(rules, view_at(batch, index), batch.chosen[index, 2:4].astype(np.float64), gaps)
+            view, wanted = view_at(batch, index), batch.chosen[index, 2:4].astype(np.float64)
+            for name, rule in rules.items():
+                _judge(name, view, rule.allocate(view), wanted, gaps)
+            for name, allocations in together.items():
+                _judge(name, view, allocations[index], wanted, gaps)
         progress(min(1.0, (first + CHUNK) / len(chosen)), f"{len(knowable)} samples")
     known = np.array(knowable)
     return {
@@ -94,24 +105,26 @@ def worlds(conditions: Conditions) -> Group:
     """Enough episodes, driven by the expert, in worlds of the test range from `seed` on."""
     team = Team.parse(conditions.team)
     kinds = np.array(team.kinds, dtype=np.int64)
-    parts: list[tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]] = []
+    parts: list[tuple[npt.NDArray[np.uint8], ...]] = []
     count = max(8, -(-conditions.samples // SAMPLES_PER_WORLD))
     labelled = 0
+    robots = len(kinds)
     while len(parts) < count or labelled < conditions.samples:
         seed = (conditions.seed + len(parts)) % TEST_SEEDS
         world = random_world(team, None, conditions.size, conditions.size, seed)
-        beliefs = np.zeros((LONGEST_EPISODE, len(kinds), -(-3 * conditions.size**2 // 8)), dtype=np.uint8)
-        robots = np.zeros((LONGEST_EPISODE, len(kinds), 8), dtype=np.uint8)
+        shapes = ((robots, -(-3 * conditions.size**2 // 8)), (robots, 8), (robots, robots, 3), (robots, VOTES, 3),
+                  (robots, robots))  # fmt: skip
+        arrays = [np.zeros((LONGEST_EPISODE, *shape), dtype=np.uint8) for shape in shapes]
         steps = episode(
             world.obstacles, world.targets.astype(np.int64), np.array(world.starts, dtype=np.int64), kinds,
-            np.ones(len(kinds)), conditions.r_sense, conditions.r_comm, conditions.hop_limit, DRIVEN_BY_EXPERT,
-            seed, beliefs, robots,
+            np.ones(len(kinds)), conditions.r_sense, conditions.r_comm, conditions.hop_limit, 0.0, GREEDY,
+            DRIVEN_BY_EXPERT, seed, *arrays,
         )  # fmt: skip
-        labelled += int((robots[:steps, :, 2] != NO_LABEL).sum())
-        parts.append((beliefs[:steps], robots[:steps]))
-    beliefs, robots = (np.concatenate([part[i] for part in parts]) for i in range(2))
-    r_comm = np.full(len(robots), conditions.r_comm, dtype=STEP_DTYPE["r_comm"])
-    return Group(team, conditions.size, beliefs, robots, r_comm, conditions.hop_limit)
+        labelled += int((arrays[1][:steps, :, 2] != NO_LABEL).sum())
+        parts.append(tuple(array[:steps] for array in arrays))
+    joined = [np.concatenate([part[i] for part in parts]) for i in range(len(shapes))]
+    r_comm = np.full(len(joined[0]), conditions.r_comm, dtype=STEP_DTYPE["r_comm"])
+    return Group(team, conditions.size, *joined, r_comm, conditions.hop_limit)
 
 
 def view_at(batch: Batch, index: int) -> View:
@@ -138,13 +151,11 @@ def view_at(batch: Batch, index: int) -> View:
 
 
 def _judge(
-    rules: Mapping[str, Allocator], view: View, wanted: npt.NDArray[np.float64], gaps: dict[str, list[float]]
+    name: str, view: View, allocation: Allocation, wanted: npt.NDArray[np.float64], gaps: dict[str, list[float]]
 ) -> None:
-    for name, rule in rules.items():
-        allocation = rule.allocate(view)
-        gaps[name].append(float(np.hypot(*(_answer(view, allocation) - wanted))))
-        if name == "gatar" and allocation.xy is not None:
-            gaps["gatar_xy"].append(float(np.hypot(*(np.array(allocation.xy) - wanted))))
+    gaps[name].append(float(np.hypot(*(_answer(view, allocation) - wanted))))
+    if allocation.xy is not None:
+        gaps[f"{name}_xy"].append(float(np.hypot(*(np.array(allocation.xy) - wanted))))
 
 
 def _answer(view: View, allocation: Allocation) -> npt.NDArray[np.float64]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gatar_edge.explore import FRONTIER_BLOCK
 from gatar_edge.learn.jit import compiled
 from gatar_edge.types import CellState
 
@@ -194,6 +195,53 @@ def list_targets(belief: Array, out: Array) -> int:
                 out[count, 0], out[count, 1] = i, j
                 count += 1
     return count
+
+
+@compiled
+def list_frontiers(belief: Array, distances: Array, most: int, cells: Array, dark: Array) -> int:
+    """`explore.frontiers` for the robots of `distances` [N, W, H] into `cells` [>= most, 2] and `dark` [>= most]."""
+    width, height = belief.shape
+    across = (height + FRONTIER_BLOCK - 1) // FRONTIER_BLOCK
+    blocks = (width + FRONTIER_BLOCK - 1) // FRONTIER_BLOCK * across
+    count = np.zeros(blocks, dtype=np.int64)
+    sums = np.zeros((blocks, 2), dtype=np.int64)
+    for i in range(width):
+        for j in range(height):
+            if belief[i, j] == UNKNOWN:
+                block = i // FRONTIER_BLOCK * across + j // FRONTIER_BLOCK
+                count[block] += 1
+                sums[block, 0] += i
+                sums[block, 1] += j
+    place = np.full((blocks, 2), -1, dtype=np.int64)
+    nearest = np.empty(blocks, dtype=np.int64)
+    for i in range(width):
+        for j in range(height):
+            if belief[i, j] == UNKNOWN:
+                block = i // FRONTIER_BLOCK * across + j // FRONTIER_BLOCK
+                gap = (i * count[block] - sums[block, 0]) ** 2 + (j * count[block] - sums[block, 1]) ** 2
+                if place[block, 0] < 0 or gap < nearest[block]:
+                    place[block, 0], place[block, 1] = i, j
+                    nearest[block] = gap
+    soonest = np.full(blocks, 2**31 - 1, dtype=np.int64)
+    for block in range(blocks):
+        if count[block]:
+            for n in range(distances.shape[0]):
+                way = distances[n, place[block, 0], place[block, 1]]
+                if 0 <= way < soonest[block]:
+                    soonest[block] = way
+    order = np.argsort(soonest, kind="mergesort")[:most]
+    chosen = np.zeros(blocks, dtype=np.bool_)
+    for block in order:
+        chosen[block] = soonest[block] < 2**31 - 1
+    found = 0
+    for i in range(width):  # in order of the cells, not of the blocks
+        for j in range(height):
+            block = i // FRONTIER_BLOCK * across + j // FRONTIER_BLOCK
+            if chosen[block] and place[block, 0] == i and place[block, 1] == j:
+                cells[found, 0], cells[found, 1] = i, j
+                dark[found] = count[block]
+                found += 1
+    return found
 
 
 @compiled

@@ -32,9 +32,10 @@ def measure(options: DataOptions, shards: int) -> Speed:
     samples = labelled = size = 0
     started = time.process_time()
     for number in range(1, shards + 1):
-        beliefs, robots, steps = make_shard(options, number)
+        arrays = make_shard(options, number)
+        robots = arrays[1]
         samples += robots.shape[0] * robots.shape[1]
         labelled += int((robots[..., 2] != NO_LABEL).sum())
-        size += beliefs.nbytes + robots.nbytes + steps.nbytes
+        size += sum(array.nbytes for array in arrays)
     seconds = max(time.process_time() - started, 1e-9)
     return Speed(samples / seconds, labelled / seconds, size / samples)

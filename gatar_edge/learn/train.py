@@ -1,7 +1,9 @@
 """One training loop for every network: imitation of the labels of a data set.
 
-A run folder holds `run.json` (all options), `checkpoint.{safetensors,json}` (exact state), `log.jsonl` (curves) and at
-the end `model.safetensors` with `model.json`. A run that was cut off goes on from its checkpoint with the same batches.
+A run folder holds `run.json` (all options), `checkpoint.safetensors` (exact state), `log.jsonl` (curves) and at the end
+`model.safetensors` with `model.json`. A run that was cut off goes on from its checkpoint with the same batches.
+
+Under torchrun each rank draws its own batches, from the seed and its number; gradients are averaged; rank 0 writes.
 """
 
 from __future__ import annotations
@@ -9,11 +11,9 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from queue import Full, Queue
-from threading import Event, Thread
 from typing import Any
 
 import numpy as np
@@ -21,14 +21,18 @@ import torch
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 from torch.nn import functional
+from torch.nn.parallel import DistributedDataParallel
 
 from gatar_edge.errors import ConfigError
+from gatar_edge.learn.curves import Curves
+from gatar_edge.learn.loader import Loader
 from gatar_edge.learn.networks import build, settings_of
-from gatar_edge.learn.views import IGNORED, Batch, Group, batches, load_groups
+from gatar_edge.learn.networks.paper_shape import XyOutputs
+from gatar_edge.learn.ranks import ALONE, Ranks
+from gatar_edge.learn.views import IGNORED, Batch, batches, load_groups
 
 NEIGHBOUR_WEIGHT = 0.5  # of the rows that are not ego's: they matter when scores are decoded together
 EARLIER_WEIGHT = 0.3  # of the rounds before the last: deep supervision
-AHEAD = 4  # batches made in advance by the loader's thread
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +50,8 @@ class TrainOptions:
     weight_decay: float = 1e-4
     clip: float = 1.0
     threads: int = 1  # of torch: how sums are split decides their last bits
+    bf16: bool = False  # autocast
+    ranks: int = 1
     settings: dict[str, Any] = field(default_factory=dict)  # fields of the network's config
 
 
@@ -58,22 +64,33 @@ class Progress:
     exact: float
     done: float  # 0..1
     seconds: float
+    rate: float = 0.0  # learning rate of the step
 
 
 def loss_of(outputs: Any, batch: Batch) -> Tensor:
     """Cross-entropy over the candidates and "no target", of the last round and less of each earlier one."""
-    labels = torch.from_numpy(_usable(batch))
+    device = outputs.xy.device
+    labels = torch.from_numpy(_usable(batch)).to(device)
+    shares = torch.from_numpy(_usable_shares(batch)).to(device)
+    labels[:, 0] = torch.where(shares.sum(dim=-1) > 0, labels[:, 0].clamp(min=0), IGNORED)
     used = labels >= 0
-    weight = torch.full(labels.shape, NEIGHBOUR_WEIGHT)
+    weight = torch.full(labels.shape, NEIGHBOUR_WEIGHT, device=device)
     weight[:, 0] = 1.0
     weight = weight * used
+    if isinstance(outputs, XyOutputs):
+        return outputs.squared_error(labels, weight)
     total = weight.sum().clamp(min=1.0)
 
     def cross_entropy(scores: Tensor) -> Tensor:
-        each = functional.cross_entropy(scores.flatten(0, 1), labels.clamp(min=0).flatten(), reduction="none")
-        return (each.view_as(weight) * weight).sum() / total
+        scores = scores.float()
+        others = functional.cross_entropy(
+            scores[:, 1:].flatten(0, 1), labels[:, 1:].clamp(min=0).flatten(), reduction="none"
+        )
+        ego = functional.cross_entropy(scores[:, 0], shares, reduction="none")
+        each = torch.cat([ego[:, None], others.view(len(ego), -1)], dim=1)
+        return (each * weight).sum() / total
 
-    earlier = sum((cross_entropy(scores) for scores in outputs.rounds), start=torch.zeros(()))
+    earlier = sum((cross_entropy(scores) for scores in outputs.rounds), start=torch.zeros((), device=device))
     return cross_entropy(outputs.scores) + EARLIER_WEIGHT * earlier
 
 
@@ -86,46 +103,64 @@ def _usable(batch: Batch) -> np.ndarray[Any, np.dtype[np.int64]]:
     return np.where((labels < 0) | (labels == valid.shape[2]) | known, labels, IGNORED)
 
 
-def tensors_of(batch: Batch) -> dict[str, Tensor]:
-    """The batch's inputs for a network."""
-    return {name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in batch.inputs.items()}
+def _usable_shares(batch: Batch) -> np.ndarray[Any, np.dtype[np.float32]]:
+    """Ego's shares, without those of candidates that it believes unreachable; all 0 where little is left."""
+    shares: np.ndarray[Any, np.dtype[np.float32]] = batch.shares.copy()
+    shares[:, :-1] *= batch.inputs["valid"][:, 0]
+    total = shares.sum(axis=-1, keepdims=True)
+    return np.where(total > 0.5, shares / np.maximum(total, np.float32(1e-6)), np.float32(0))
+
+
+def tensors_of(batch: Batch, names: Iterable[str]) -> dict[str, Tensor]:
+    """Those of the batch's inputs that a network reads."""
+    return {name: torch.from_numpy(np.ascontiguousarray(batch.inputs[name])) for name in names}
 
 
 class Trainer:
-    """One run: options, network, optimizer, and where it stands."""
+    """One run: options, network, optimizer, and where it stands.
 
-    def __init__(self, options: TrainOptions, folder: Path) -> None:
+    The same seed, steps, threads and ranks give the same weights on a CPU, and nearly the same on a GPU.
+    """
+
+    def __init__(self, options: TrainOptions, folder: Path, device: str = "cpu", ranks: Ranks = ALONE) -> None:
         if (options.minutes > 0) == (options.steps > 0):
             raise ConfigError("give either minutes or steps (or epochs), and more than 0")
+        if options.ranks != ranks.count:
+            raise ConfigError(f"a run of {options.ranks} ranks was started with {ranks.count}")
         self.options = options
         self.folder = folder
+        self.device = torch.device(device)
+        self.ranks = ranks
         self.groups, self.manifest = load_groups(Path(options.data))
         torch.set_num_threads(options.threads)
         torch.manual_seed(options.seed)
-        torch.use_deterministic_algorithms(True)
-        self.network: nn.Module = build(options.network, options.settings)
+        torch.use_deterministic_algorithms(True, warn_only=self.device.type != "cpu")
+        self.network: nn.Module = build(options.network, options.settings).to(self.device)
         self.optimizer = torch.optim.AdamW(
-            self.network.parameters(), lr=options.rate, weight_decay=options.weight_decay
+            self.network.parameters(), lr=options.rate, weight_decay=options.weight_decay, fused=True
         )
         self.step = 0
         self.seconds = 0.0
         self._claim()
+        self._forward: nn.Module = self.network
+        if ranks.count > 1:
+            self._forward = DistributedDataParallel(self.network, find_unused_parameters=self._leaves_some_unused())
 
     def run(self, report: Callable[[Progress], None], checkpoint_every_s: float = 60.0) -> Path:
         """Train to the end; returns the path of the finished weights."""
-        last_saved = time.monotonic()
-        loader = Loader(self.groups, self.options.batch, self.options.seed, self.step)
+        saved_s = self.seconds  # by rank 0's clock: all save at the same step
+        seed = self.options.seed + (self.ranks.rank << 32)  # no other rank, nor another seed, draws these batches
+        loader = Loader(self.groups, self.options.batch, seed, self.step)
         try:
-            with (self.folder / "log.jsonl").open("a", encoding="utf-8") as log:
+            with Curves(self.folder, self.step, self.ranks.rank == 0) as curves:
                 while self.done < 1:
                     started = time.monotonic()
                     progress = self._train(next(loader), started)
                     report(progress)
-                    if self.step % 20 == 0:
-                        log.write(json.dumps(asdict(progress)) + "\n")
-                    if started - last_saved > checkpoint_every_s:
+                    curves.add(asdict(progress))
+                    if self.seconds - saved_s > checkpoint_every_s:
                         self.save()
-                        last_saved = started
+                        saved_s = self.seconds
         finally:
             loader.close()
         self.save()
@@ -138,27 +173,43 @@ class Trainer:
         return self.step / options.steps if options.steps else self.seconds / (options.minutes * 60)
 
     def _train(self, batch: Batch, started: float) -> Progress:
+        rate = self.options.rate * self._schedule()
         for group in self.optimizer.param_groups:
-            group["lr"] = self.options.rate * self._schedule()
-        outputs = self.network(**tensors_of(batch))
-        loss = loss_of(outputs, batch)
+            group["lr"] = rate
+        inputs = tensors_of(batch, self.network.inputs)  # type: ignore[arg-type]
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.options.bf16):
+            outputs = self._forward(**{name: value.to(self.device) for name, value in inputs.items()})
+            loss = loss_of(outputs, batch)
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(self.network.parameters(), self.options.clip)
         self.optimizer.step()
         self.step += 1
-        self.seconds += time.monotonic() - started
-        right = outputs.scores[:, 0, :-1].argmax(dim=-1).numpy() == batch.labels[:, 0]
-        judged = batch.labelled & batch.knowable
+        self.seconds = self.ranks.of_first(self.seconds + time.monotonic() - started)
+        judged = batch.shares[:, :-1].sum(axis=-1) > 0
+        right = outputs.scores[:, 0, :-1].argmax(dim=-1).cpu().numpy() == batch.shares[:, :-1].argmax(axis=-1)
         exact = float(right[judged].mean()) if judged.any() else 1.0
-        return Progress(self.step, float(loss.detach()), exact, min(1.0, self.done), self.seconds)
+        return Progress(self.step, float(loss.detach()), exact, min(1.0, self.done), self.seconds, rate)
+
+    def _leaves_some_unused(self) -> bool:
+        """Whether an ablation left parameters without a gradient: ranks would wait for those for ever."""
+        batch = next(batches(self.groups, 2, self.options.seed))
+        inputs = tensors_of(batch, self.network.inputs)  # type: ignore[arg-type]
+        loss = loss_of(self.network(**{name: value.to(self.device) for name, value in inputs.items()}), batch)
+        loss.backward()  # type: ignore[no-untyped-call]
+        unused = any(parameter.grad is None for parameter in self.network.parameters())
+        self.network.zero_grad(set_to_none=True)
+        return unused
 
     def _schedule(self) -> float:
         warm = min(1.0, (self.step + 1) / self.options.warm_up)
         return warm * (0.5 + 0.5 * math.cos(math.pi * min(1.0, self.done)))
 
     def save(self) -> None:
-        """Write the exact state, whole or not at all."""
+        """Write the exact state, whole or not at all. Raises ConfigError where ranks have drifted apart."""
+        self.ranks.check_alike(self.network)
+        if self.ranks.rank > 0:
+            return
         state = {f"model.{name}": tensor for name, tensor in self.network.state_dict().items()}
         for name, parameter in self.network.named_parameters():
             for key, value in self.optimizer.state.get(parameter, {}).items():
@@ -176,7 +227,10 @@ class Trainer:
         wanted = json.loads(json.dumps(wanted))
         if note.is_file() and json.loads(note.read_text()) != wanted:
             raise ConfigError(f"{self.folder} holds another run (see {note.name}): choose another folder")
-        note.write_text(json.dumps(wanted, indent=1) + "\n")
+        if self.ranks.rank == 0:
+            new = self.folder / "run.new"
+            new.write_text(json.dumps(wanted, indent=1) + "\n")
+            new.replace(note)
         checkpoint = self.folder / "checkpoint.safetensors"
         if checkpoint.is_file():
             self._resume(checkpoint)
@@ -184,7 +238,7 @@ class Trainer:
     def _resume(self, checkpoint: Path) -> None:
         from safetensors import safe_open
 
-        state = load_file(checkpoint)
+        state = load_file(checkpoint, device=str(self.device))
         with safe_open(checkpoint, framework="pt") as file:
             note = json.loads(file.metadata()["state"])
         self.step, self.seconds = int(note["step"]), float(note["seconds"])
@@ -196,6 +250,8 @@ class Trainer:
 
     def _finish(self) -> Path:
         path = self.folder / "model.safetensors"
+        if self.ranks.rank > 0:
+            return path
         save_file(self.network.state_dict(), path)
         description = {
             "network": self.options.network,
@@ -207,44 +263,6 @@ class Trainer:
         }
         (self.folder / "model.json").write_text(json.dumps(description, indent=1) + "\n")
         return path
-
-
-class Loader:
-    """Makes batches in a thread of its own, a few ahead of the training."""
-
-    def __init__(self, groups: list[Group], size: int, seed: int, first: int) -> None:
-        self._queue: Queue[Batch | Exception] = Queue(AHEAD)
-        self._stop = Event()
-        self._thread = Thread(target=self._work, args=(batches(groups, size, seed, first),), daemon=True)
-        self._thread.start()
-
-    def __next__(self) -> Batch:
-        item = self._queue.get()
-        if isinstance(item, Exception):
-            raise item
-        return item
-
-    def close(self) -> None:
-        """Stop the thread and wait for it."""
-        self._stop.set()
-        self._thread.join()
-
-    def _work(self, source: Iterator[Batch]) -> None:
-        try:
-            for batch in source:
-                if not self._put(batch):
-                    return
-        except Exception as error:  # handed to the trainer, which raises it
-            self._put(error)
-
-    def _put(self, item: Batch | Exception) -> bool:
-        while not self._stop.is_set():
-            try:
-                self._queue.put(item, timeout=0.1)
-            except Full:
-                continue
-            return True
-        return False
 
 
 def load_model(folder: Path) -> tuple[nn.Module, dict[str, Any]]:

@@ -11,17 +11,19 @@ import numpy as np
 import numpy.typing as npt
 
 from gatar_edge.errors import ConfigError
-from gatar_edge.features import Inputs, ViewArrays, features_of
+from gatar_edge.features import MAX_CANDIDATES, Inputs, ViewArrays, features_of
 from gatar_edge.learn.dataset import FILES, load_manifest
-from gatar_edge.learn.episodes import KNOWABLE, NO_LABEL
+from gatar_edge.learn.episodes import FRESH, KNOWABLE, NO_LABEL, NOBODY
 from gatar_edge.learn.jit import compiled
-from gatar_edge.learn.kernels import TARGET, hop_counts, list_targets, path_lengths, unpack
+from gatar_edge.learn.kernels import TARGET, hop_counts, path_lengths, unpack
+from gatar_edge.learn.plans import list_candidates
 from gatar_edge.sim_sitl.world import Team
+from gatar_edge.view import FAR_HOPS
 
 Array = npt.NDArray[Any]
 
 IGNORED = -100  # label of a robot whose target ego does not know, or that only fills up the batch
-MAX_CANDIDATES = 64
+FRONTIERS_USUAL = 8  # for sorting views by size
 POOL = 16  # batches drawn together
 
 
@@ -33,8 +35,12 @@ class Group:
     size: int
     beliefs: Array  # uint8 [S, N, bytes]
     robots: Array  # uint8 [S, N, 8]
+    known: Array  # uint8 [S, N, N, 3]
+    votes: Array  # uint8 [S, N, VOTES, 3]
+    plans: Array  # uint8 [S, N, N]
     r_comm: Array  # float32 [S]
     hop_limit: int
+    frontiers: bool = False  # among the candidates, as the teacher had them
 
     @property
     def views(self) -> int:
@@ -44,10 +50,14 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """B views with what the expert said: `labels` int64 [B, N], index of the candidate, M for none, or IGNORED."""
+    """B views with what the teacher said: `labels` int64 [B, N], index of the candidate, M for none, or IGNORED.
+
+    `shares` float32 [B, M + 1] are ego's shares of the candidates and of none; 0 throughout where it knows none of them.
+    """
 
     inputs: Inputs
     labels: Array
+    shares: Array
     view: ViewArrays
     chosen: Array  # uint8 [B, 8], ego's row of `Group.robots`
 
@@ -77,8 +87,9 @@ def load_groups(folder: Path) -> tuple[list[Group], dict[str, Any]]:
     hop_limit = int(manifest["options"]["hop_limit"])
     groups = []
     for (team, size), shards in parts.items():
-        beliefs, robots, steps = (np.concatenate([shard[i] for shard in shards]) for i in range(3))
-        groups.append(Group(Team.parse(team), size, beliefs, robots, steps["r_comm"], hop_limit))
+        *arrays, steps = (np.concatenate([shard[i] for shard in shards]) for i in range(len(FILES)))
+        ahead = manifest["options"]["teacher"] == "foresight"
+        groups.append(Group(Team.parse(team), size, *arrays, steps["r_comm"], hop_limit, ahead))
     return groups, manifest
 
 
@@ -93,71 +104,125 @@ def batch_of(group: Group, indices: Array) -> Batch:
     hops = np.full((size, count, count), -1, dtype=np.int64)
     distances = np.full((size, count, group.size, group.size), -1, dtype=np.int32)
     targets = np.zeros((size, MAX_CANDIDATES, 2), dtype=np.int64)
+    dark = np.zeros((size, MAX_CANDIDATES), dtype=np.int64)
     counts = np.zeros((size, 2), dtype=np.int64)
     labels = np.full((size, count), IGNORED, dtype=np.int64)
-    robots = group.robots[steps]
+    shares = np.zeros((size, MAX_CANDIDATES + 1), dtype=np.float32)
+    robots, known = group.robots[steps], group.known[steps, egos]
     _build(
-        group.beliefs[steps, egos], robots, egos, kinds, group.r_comm[steps], group.hop_limit,
-        belief, rows, hops, distances, targets, counts, labels,
+        group.beliefs[steps, egos], known, egos, kinds, group.r_comm[steps], group.hop_limit, group.frontiers,
+        group.plans[steps, egos], group.votes[steps, egos],
+        belief, rows, hops, distances, targets, dark, counts, labels, shares,
     )  # fmt: skip
     most, listed = int(counts[:, 0].max()), max(1, int(counts[:, 1].max()))
     rows, hops, distances, targets = rows[:, :most], hops[:, :most, :most], distances[:, :most], targets[:, :listed]
     labels = labels[:, :most]
     labels[labels == MAX_CANDIDATES] = listed
+    shares = np.concatenate([shares[:, :listed], shares[:, -1:]], axis=1)
     present = rows >= 0
     taken = np.maximum(rows, 0)
     robots = np.take_along_axis(robots.astype(np.int64), taken[..., None], axis=1)
+    known = np.take_along_axis(known.astype(np.int64), taken[..., None], axis=1)
     robots[~present] = 0
+    known[~present] = 0
     tasks = robots[..., 5:7]
     tasks[tasks == NO_LABEL] = -1
     view = ViewArrays(
-        belief=belief, distances=np.ascontiguousarray(distances), robots=robots[..., :2], kinds=kinds[taken],
+        belief=belief, distances=np.ascontiguousarray(distances), robots=known[..., :2], kinds=kinds[taken],
         speeds=(robots[..., 7] / np.float32(16)).astype(np.float32), ids=np.where(present, rows + 1, 1000),
-        tasks=tasks, ages_s=np.zeros(rows.shape, dtype=np.float32),
+        tasks=tasks, ages_s=known[..., 2].astype(np.float32),
         present=present, hops=hops, targets=targets,
-        listed=np.arange(listed) < counts[:, 1, None],
+        listed=np.arange(listed) < counts[:, 1, None], dark=dark[:, :listed],
     )  # fmt: skip
-    return Batch(features_of(view), labels, view, group.robots[steps, egos])
+    return Batch(features_of(view), labels, shares, view, group.robots[steps, egos])
 
 
 @compiled
 def _build(
-    packed: Array, robots: Array, egos: Array, kinds: Array, r_comm: Array, hop_limit: int,
-    belief: Array, rows: Array, hops: Array, distances: Array, targets: Array, counts: Array, labels: Array,
+    packed: Array, known: Array, egos: Array, kinds: Array, r_comm: Array, hop_limit: int, frontiers: bool,
+    plans: Array, votes: Array,
+    belief: Array, rows: Array, hops: Array, distances: Array, targets: Array, dark: Array, counts: Array,
+    labels: Array, shares: Array,
 ) -> None:  # fmt: skip
-    """Fill one view a row: ego first, the robots within the hop limit by id, what ego knows, and everybody's label.
-
-    "No target" is a label only where ego knows fewer targets than robots: else the expert knew of robots and targets
-    that ego cannot know of, and a team that learns to wait for them waits in vain.
-    """
-    team = robots.shape[1]
+    """Fill one view a row: ego first, those with whom it reckons by id, what ego knows, and everybody's label."""
+    team = known.shape[1]
     width, height = belief.shape[1:]
-    team_hops = np.empty((team, team), dtype=np.int64)
     queue = np.empty(width * height, dtype=np.int64)
     most = targets.shape[1]
     for b in range(len(egos)):
         unpack(packed[b], belief[b])
-        hop_counts(robots[b, :, :2], r_comm[b], hop_limit, team_hops)
         rows[b, 0] = egos[b]
         count = 1
         for n in range(team):
-            if n != egos[b] and team_hops[egos[b], n] >= 0:
+            if n != egos[b] and known[b, n, 2] != NOBODY:
                 rows[b, count] = n
                 count += 1
-        known = list_targets(belief[b], targets[b])
-        counts[b, 0], counts[b, 1] = count, known
         for i in range(team):
             hops[b, i, i] = 0
+        _link(rows[b, :count], known[b], r_comm[b], hop_limit, hops[b])
         for i in range(count):
             n = rows[b, i]
-            path_lengths(belief[b], kinds[n] == 1, int(robots[b, n, 0]), int(robots[b, n, 1]), distances[b, i], queue)
-            for j in range(count):
-                hops[b, i, j] = team_hops[n, rows[b, j]]
-            if robots[b, n, 2] == 255 and known < count:
+            path_lengths(belief[b], kinds[n] == 1, int(known[b, n, 0]), int(known[b, n, 1]), distances[b, i], queue)
+        found, listed = list_candidates(belief[b], distances[b, :count], frontiers, targets[b], dark[b])
+        counts[b, 0], counts[b, 1] = count, listed
+        for i in range(count):
+            choice = plans[b, rows[b, i]]
+            if choice == NO_LABEL:
                 labels[b, i] = most
-            for m in range(known):
-                if targets[b, m, 0] == robots[b, n, 2] and targets[b, m, 1] == robots[b, n, 3]:
-                    labels[b, i] = m
+            elif choice < listed:
+                labels[b, i] = choice
+        _share(votes[b], targets[b, :listed], shares[b])
+
+
+@compiled
+def _link(rows: Array, known: Array, r_comm: float, hop_limit: int, hops: Array) -> None:
+    """Hops among the robots of one view, as `view.with_absent` counts them."""
+    count = len(rows)
+    cells = np.empty((count, 2), dtype=np.int64)
+    fresh = 0
+    inner = np.empty(count, dtype=np.int64)
+    for i in range(count):
+        if known[rows[i], 2] <= FRESH:
+            cells[fresh] = known[rows[i], :2]
+            inner[fresh] = i
+            fresh += 1
+    between = np.empty((fresh, fresh), dtype=np.int64)
+    hop_counts(cells[:fresh], r_comm, hop_limit, between)
+    away = np.ones(count, dtype=np.bool_)
+    for i in range(fresh):
+        away[inner[i]] = between[0, i] < 0
+    for i in range(fresh):
+        for j in range(fresh):
+            hops[inner[i], inner[j]] = between[i, j]
+    for i in range(count):
+        for j in range(count):
+            if i != j and (away[i] or away[j]):
+                hops[i, j] = FAR_HOPS
+
+
+@compiled
+def _share(votes: Array, candidates: Array, out: Array) -> None:
+    """Ego's shares of the candidates and, last, of none; all 0 where most of the votes went to what it does not know.
+
+    A robot that has anything to do does it: votes for none count only where there are no others.
+    """
+    none, known, total = 0.0, 0.0, 0.0
+    for v in range(len(votes)):
+        total += votes[v, 2]
+        if votes[v, 0] == NO_LABEL:
+            none += votes[v, 2]
+            continue
+        for m in range(len(candidates)):
+            if candidates[m, 0] == votes[v, 0] and candidates[m, 1] == votes[v, 1]:
+                out[m] += votes[v, 2]
+                known += votes[v, 2]
+    if known == 0:
+        out[-1] = 1.0 if none > 0 and none == total else 0.0
+    elif known < (total - none) / 2:
+        out[:] = 0
+    else:
+        for m in range(len(candidates)):
+            out[m] /= known
 
 
 def batches(groups: list[Group], size: int, seed: int, first: int = 0) -> Iterator[Batch]:
@@ -187,7 +252,8 @@ def _with_candidates(group: Group, rng: np.random.Generator, wanted: int) -> Arr
         indices = rng.integers(group.views, size=wanted)
         steps, egos = np.divmod(indices, group.robots.shape[1])
         counts = np.empty((wanted, 2), dtype=np.int64)
-        _count(group.beliefs[steps, egos], group.robots[steps], egos, group.r_comm[steps], group.hop_limit, counts)
+        _count(group.beliefs[steps, egos], group.known[steps, egos], counts)
+        counts[:, 1] += FRONTIERS_USUAL * group.frontiers
         keep = counts[:, 1] > 0
         found.append(indices[keep])
         pairs.append(counts[keep].prod(axis=1))
@@ -196,19 +262,16 @@ def _with_candidates(group: Group, rng: np.random.Generator, wanted: int) -> Arr
 
 
 @compiled
-def _count(packed: Array, robots: Array, egos: Array, r_comm: Array, hop_limit: int, out: Array) -> None:
+def _count(packed: Array, known: Array, out: Array) -> None:
     """Robots and known targets of each view into `out` [B, 2]."""
-    team = robots.shape[1]
-    hops = np.empty((team, team), dtype=np.int64)
-    for b in range(len(egos)):
-        hop_counts(robots[b, :, :2], r_comm[b], hop_limit, hops)
-        out[b, 0] = (hops[egos[b]] >= 0).sum()
-        known = 0
+    for b in range(len(packed)):
+        out[b, 0] = (known[b, :, 2] != NOBODY).sum()
+        targets = 0
         bit = 0
         while bit + 3 <= packed.shape[1] * 8:
             value = int(packed[b, bit >> 3])
             if (bit & 7) > 5:
                 value |= int(packed[b, (bit >> 3) + 1]) << 8
-            known += ((value >> (bit & 7)) & 7) == TARGET
+            targets += ((value >> (bit & 7)) & 7) == TARGET
             bit += 3
-        out[b, 1] = known
+        out[b, 1] = targets

@@ -39,6 +39,8 @@ def test_the_others_localize_what_dead_robots_leave(kills: int) -> None:
     assert flown.killed == kills
     assert (flown.left, flown.seen.orphaned, flown.seen.in_obstacle) == (0, 0, 0)
     assert all(ticks <= 3 for ticks in flown.seen.neglected_ticks)
+    assert all(ticks <= 3 for ticks in flown.seen.replanned_ticks)
+    assert len(flown.seen.planned_ticks) == len(flown.seen.taken_ticks) == len(flown.seen.replanned_ticks)
 
 
 def watched() -> tuple[Fleet, Watch]:
@@ -69,14 +71,39 @@ def test_a_rover_in_an_obstacle_would_be_noticed() -> None:
 def test_a_target_that_idle_robots_leave_alone_counts_as_neglected() -> None:
     fleet, watch = watched()
     cell = (3, 4)
-    idle = SimpleNamespace(
-        robot_id=1, assignment=SimpleNamespace(kind=0, cell=(0, 0)), candidates=[SimpleNamespace(cell=cell, length=2)]
-    )
-    watch._orphans[cell] = Orphan(expired=0)
-    fleet.decisions = (idle,)  # type: ignore[assignment]
+    fleet.decisions = (deciding(robots=(1,), choices=(-1,), cell=cell),)  # type: ignore[assignment]
+    watch._orphans[cell] = Orphan(robot_id=3, expired=0)
     for fleet.ticks in range(1, 6):
         watch.look()
     assert watch._orphans[cell].neglected == 5
+
+
+def deciding(robots: tuple[int, ...], choices: tuple[int, ...], cell: tuple[int, int]) -> SimpleNamespace:
+    """A decision of robot 1, which knows one target and has none."""
+    return SimpleNamespace(
+        robot_id=1,
+        assignment=SimpleNamespace(kind=0, cell=(0, 0)),
+        candidates=[SimpleNamespace(cell=cell, length=2)],
+        robots=[SimpleNamespace(robot_id=robot_id) for robot_id in robots],
+        choices=choices,
+    )
+
+
+def test_a_dead_robots_target_is_replanned_once_nobody_counts_on_it_and_planned_once_somebody_alive_gets_it() -> None:
+    fleet, watch = watched()
+    cell = (3, 4)
+    watch._orphans[cell] = Orphan(robot_id=3, expired=0)
+    plans = [
+        deciding((1, 2, 3), (-1, -1, 0), cell),  # still the dead robot's
+        deciding((1, 2), (-1, -1), cell),
+        deciding((1, 2), (-1, -1), cell),
+        deciding((1, 2), (-1, 0), cell),
+        deciding((1, 2), (-1, 0), cell),
+    ]
+    for fleet.ticks, plan in enumerate(plans, start=1):
+        fleet.decisions = (plan,)  # type: ignore[assignment]
+        watch.look()
+    assert (watch.seen.replanned_ticks, watch.seen.planned_ticks, watch.seen.taken_ticks) == ([2], [4], [])
 
 
 def test_the_figures_are_printed_for_machines() -> None:

@@ -19,7 +19,8 @@ from gatar_edge.commands._sim import fleet_config, open_fleet
 from gatar_edge.commands.sim import command
 from gatar_edge.errors import ConfigError, LogError
 from gatar_edge.sim_sitl.faults import Faults, LinkFaults
-from gatar_edge.sim_sitl.fleet import Fleet, FleetConfig, lock_step
+from gatar_edge.sim_sitl.fleet import Fleet, lock_step
+from gatar_edge.sim_sitl.fleet_config import FleetConfig
 from gatar_edge.types import NS_PER_S, RobotKind
 
 

@@ -41,6 +41,14 @@ def test_the_file_is_proved_equal_for_every_team_size(exported):
     assert proof.max_difference <= 1e-5
 
 
+@pytest.mark.parametrize("network", ["gatar-paper", "gnn-vcycle", "magat"])
+def test_networks_of_the_papers_comparison_are_exported_and_proved_too(network, tmp_path):
+    out = tmp_path / "tiny.onnx"
+    export(tiny_run(network), out)
+    proof = verify(out, states_of=lambda: [(n, m, r) for n in (1, 2, 12, 64) for m in (0, 1, 30) for r in (0.0, 6.0)])
+    assert proof.ok, proof.error
+
+
 def test_other_weights_are_found_out(exported, tmp_path):
     path = tmp_path / exported.name
     path.write_bytes(exported.read_bytes())

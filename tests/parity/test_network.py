@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 import torch
+from learning import TINY_OF
 
 from gatar_edge.allocators.gatar import decode
 from gatar_edge.export.spec import SingleView
 from gatar_edge.export.states import random_view
-from gatar_edge.features import AXES, arrays_of, features, features_of
+from gatar_edge.features import AXES, CHANNELS, LENGTH_SCALE_CELLS, arrays_of, features, features_of
 from gatar_edge.learn.networks import NETWORKS, build, settings_of
+from gatar_edge.learn.networks.paper_shape import PaperShaped, XyOutputs
 
 SMALL = {"width": 16, "heads": 2}
 
@@ -16,7 +18,7 @@ SMALL = {"width": 16, "heads": 2}
 @pytest.fixture(params=sorted(NETWORKS))
 def network(request):
     torch.manual_seed(0)
-    return SingleView(build(request.param, SMALL)).eval()
+    return SingleView(build(request.param, TINY_OF[request.param])).eval()
 
 
 def outputs(network, inputs):
@@ -63,7 +65,8 @@ def test_a_robot_two_hops_away_does_change_the_output(network):
         if not len(far):
             continue
         other = {name: array.copy() for name, array in inputs.items()}
-        other["pairs"][far[0]] = other["pairs"][far[0], ::-1]
+        for name in ("pairs", "maps"):
+            other[name][far[0]] = other[name][far[0], ::-1]
         changed += not np.array_equal(outputs(network, inputs)[0][0], outputs(network, other)[0][0])
     assert changed > 0
 
@@ -118,6 +121,59 @@ def test_each_channel_can_be_taken_away():
     other = {**inputs, "maps": inputs["maps"].copy()}
     other["maps"][:, 1] = 7.0
     np.testing.assert_array_equal(outputs(network, inputs)[0], outputs(network, other)[0])
+
+
+PAPER_SHAPED = sorted(name for name in NETWORKS if issubclass(NETWORKS[name][0], PaperShaped))
+
+
+@pytest.mark.parametrize("name", PAPER_SHAPED)
+@pytest.mark.parametrize("channel", CHANNELS)
+def test_each_channel_of_the_paper_can_be_taken_away(name, channel):
+    """The bare target cells stay where the Gaussian round them goes."""
+    torch.manual_seed(0)
+    inputs = features(random_view(4, 6, 0, 6.0))
+    other = {**inputs, "maps": inputs["maps"].copy()}
+    changed = other["maps"][:, CHANNELS.index(channel)]
+    changed[changed < 1] = 0.5
+    for kept in (True, False):
+        seen = [kept or one != channel for one in CHANNELS]
+        network = SingleView(build(name, {**TINY_OF[name], "channels": seen})).eval()
+        same = np.array_equal(outputs(network, inputs)[1], outputs(network, other)[1])
+        assert same is not kept
+
+
+def test_without_the_v_cycle_the_papers_network_is_plain_graph_attention():
+    flat, plain = build("gatar-paper", {**TINY_OF["gatar-paper"], "vcycle": False}), build("gat", TINY_OF["gat"])
+    assert {k: v.shape for k, v in flat.state_dict().items()} == {k: v.shape for k, v in plain.state_dict().items()}
+
+
+@pytest.mark.parametrize("name", PAPER_SHAPED)
+def test_networks_of_the_comparison_have_about_the_same_parameters(name):
+    count, most = (sum(p.numel() for p in build(n).parameters()) for n in (name, "magat"))
+    assert 0.7 < count / most <= 1
+
+
+@pytest.mark.parametrize("name", PAPER_SHAPED)
+def test_an_x_y_network_scores_candidates_by_their_distance_from_its_answer(name):
+    torch.manual_seed(0)
+    view = random_view(4, 6, 0, 6.0)
+    inputs = features(view)
+    network = SingleView(build(name, TINY_OF[name])).eval()
+    scores, xy, _ = outputs(network, inputs)
+    gaps = np.hypot(*(inputs["offsets"] / LENGTH_SCALE_CELLS - xy).T)
+    reachable = np.flatnonzero(inputs["valid"][0] > 0)
+    assert np.array_equal(np.argsort(gaps[reachable]), np.argsort(-scores[0, reachable]))
+    assert scores[0, -1] == 0
+
+
+def test_the_squared_error_counts_robots_with_a_target_alone():
+    ways = torch.tensor([[[[1.0, 0.0], [0.0, 2.0]]] * 3])
+    places = torch.tensor([[[1.0, 0.0], [0.0, 0.0], [5.0, 5.0]]])
+    empty = torch.zeros(0)
+    xy = XyOutputs(empty, empty, empty, (), places, ways)
+    labels = torch.tensor([[0, 1, 2]])  # the third robot is to take none
+    assert float(xy.squared_error(labels, torch.ones(1, 3))) == pytest.approx((0 + 4) / 2)
+    assert float(xy.squared_error(torch.full((1, 3), -100), torch.zeros(1, 3))) == 0
 
 
 def test_settings_make_the_same_network_again(network):

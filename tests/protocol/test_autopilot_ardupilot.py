@@ -52,6 +52,14 @@ def test_a_refused_mode_is_answered_failed_and_the_heartbeat_keeps_the_old_one()
     assert heartbeat(rover).custom_mode == 0
 
 
+def test_frames_are_numbered_one_after_the_other_so_that_clients_can_count_losses() -> None:
+    copter = Client(COPTER)
+    copter.run(60)
+    numbers = [message.get_seq() for message in copter.log]
+    assert len(numbers) > 256
+    assert numbers == [index % 256 for index in range(len(numbers))]
+
+
 def test_a_mode_change_is_followed_by_a_heartbeat_at_once() -> None:
     copter = Client(COPTER)
     assert kinds(copter.log[-1:]) != ["HEARTBEAT"]

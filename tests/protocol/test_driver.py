@@ -11,6 +11,7 @@ from gatar_edge.bridge.driver import VehicleDriver
 from gatar_edge.bridge.geo import cell_to_wgs84
 from gatar_edge.bridge.settings import DriverConfig
 from gatar_edge.bridge.status import EventKind, Status
+from gatar_edge.separation import Place
 from gatar_edge.types import Cell, Goto, GridSpec, Hold, Mission, RobotKind, VehicleCommand
 
 S = 1_000_000_000
@@ -312,9 +313,9 @@ def test_the_gate_asks_for_the_origin_by_itself() -> None:
 
 def test_a_goal_that_a_neighbor_stands_on_is_refused_until_it_is_free() -> None:
     flight = Flight("ardupilot-rover", min_separation_m=5.0).launched()
-    flight.driver.neighbors((((25.0, 75.0), 0.0),))
+    flight.driver.neighbors((Place((25.0, 75.0), 0.0),))
     flight.go(Mission(((2, 7),)), 5)
-    assert flight.pursued == Hold("refused: another robot is there, or goes there")
+    assert flight.pursued == Hold("refused: another robot is there, goes there, or stands in the way")
     assert not flight.sent("MISSION_COUNT")
     flight.driver.neighbors(())
     flight.run(40)

@@ -9,11 +9,12 @@ import pytest
 from bridge_mission_server import ME, MS, VEHICLE, Server
 
 from gatar_edge.bridge import wire
+from gatar_edge.bridge.dialect import MissionResult
 from gatar_edge.bridge.mission_items import MAX_ITEMS, Items, build, same_mission
 from gatar_edge.bridge.mission_states import TRANSITIONS, Event, Result, Step
 from gatar_edge.bridge.mission_transfer import MissionClient
 from gatar_edge.bridge.profiles import PROFILES
-from gatar_edge.bridge.wire import MissionAck, MissionCount, MissionItemAt, MissionRequest, MissionResult
+from gatar_edge.bridge.wire import MissionAck, MissionCount, MissionItemAt, MissionRequest
 
 S = 1_000_000_000
 ROVER, PX4_ROVER = PROFILES[1], PROFILES[3]

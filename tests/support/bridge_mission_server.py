@@ -7,7 +7,7 @@ import random
 from dataclasses import dataclass, field
 
 from gatar_edge.bridge import wire
-from gatar_edge.bridge.wire import MissionResult
+from gatar_edge.bridge.dialect import MissionResult
 from gatar_edge.types import NS_PER_S
 
 ME: wire.Address = (7, 191)

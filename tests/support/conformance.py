@@ -10,7 +10,7 @@ from typing import Protocol
 
 import pytest
 
-from gatar_edge.bridge import wire
+from gatar_edge.bridge import dialect, wire
 from gatar_edge.bridge.codec import Codec
 from gatar_edge.bridge.driver import VehicleDriver
 from gatar_edge.bridge.geo import grid_m_to_wgs84
@@ -155,14 +155,16 @@ class Bench:
     def _find(self) -> tuple[Profile, int]:
         """The first autopilot that is heard; it is greeted all the while, since some answer only to who has spoken."""
         greeter = Codec(255, 190)
-        greeting = wire.Heartbeat(wire.TYPE_ONBOARD_CONTROLLER, wire.AUTOPILOT_INVALID, 0, 0, wire.STATE_ACTIVE)
+        greeting = wire.Heartbeat(
+            dialect.TYPE_ONBOARD_CONTROLLER, dialect.AUTOPILOT_INVALID, 0, 0, dialect.STATE_ACTIVE
+        )
         self._speakers = [self._each_second(lambda: greeter.encode(greeting))]
         found: list[tuple[Profile, int]] = []
 
         def look() -> bool:
             for frame in self._heard:
                 message = frame.message
-                if isinstance(message, wire.Heartbeat) and message.autopilot != wire.AUTOPILOT_INVALID:
+                if isinstance(message, wire.Heartbeat) and message.autopilot != dialect.AUTOPILOT_INVALID:
                     profile = choose(message.autopilot, message.type)
                     assert not isinstance(profile, Unsupported), profile.text
                     found.append((profile, frame.source[0]))
@@ -174,7 +176,7 @@ class Bench:
 
     def _place(self) -> GridSpec:
         """A grid with the vehicle in the centre of its middle cell."""
-        ask = wire.CommandLong((self.sysid, 1), wire.Command.SET_MESSAGE_INTERVAL, (33.0, 2e5, 0, 0, 0, 0, 0))
+        ask = wire.CommandLong((self.sysid, 1), dialect.Command.SET_MESSAGE_INTERVAL, (33.0, 2e5, 0, 0, 0, 0, 0))
         self._speakers = [self._each_second(lambda: self._codec.encode(ask))]
         places: list[wire.GlobalPosition] = []
 

@@ -11,6 +11,15 @@ from gatar_edge.learn.train import Trainer, TrainOptions
 
 OPTIONS = DataOptions(("1A1G", "2A2G"), (15,), (6.0, 3.0), 6 * 1024, 5)
 TINY = {"width": 8, "heads": 2, "levels": [1, 2, 1], "conv_channels": 2}
+_SHAPE = {"width": 16, "conv_channels": 2, "hidden": 8}
+TINY_OF = {
+    "gatar": TINY,
+    "gatar-paper": {**_SHAPE, "heads": 2, "bottom": 4},
+    "gat": {**_SHAPE, "heads": 2},
+    "gnn": _SHAPE,
+    "gnn-vcycle": {**_SHAPE, "bottom": 4},
+    "magat": {**_SHAPE, "heads": 2},
+}  # every network of the registry, small enough to train in seconds
 
 
 @cache
@@ -28,8 +37,8 @@ def options(**changes: object) -> TrainOptions:
 
 
 @cache
-def tiny_run() -> Path:
+def tiny_run(network: str = "gatar") -> Path:
     """A finished run."""
     folder = Path(mkdtemp(prefix="gatar-run-"))
-    Trainer(options(), folder).run(lambda progress: None)
+    Trainer(options(network=network, settings=TINY_OF[network]), folder).run(lambda progress: None)
     return folder

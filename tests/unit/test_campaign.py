@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from gatar_edge.campaign import Campaign, Flight, fly_all, fly_one, load_results
+from gatar_edge.campaign import KILLED_BY, Campaign, Flight, deaths_of, fly_all, fly_one, load_results
 from gatar_edge.commands.eval_missions import command
 from gatar_edge.errors import ConfigError
 from gatar_edge.learn.statistics import mean_interval, ratio_interval
@@ -92,3 +93,16 @@ def test_command_prints_a_table_for_people() -> None:
 def test_command_refuses_unknown_allocators_before_flying() -> None:
     with pytest.raises(ConfigError, match="'best' is unknown"):
         CliRunner().invoke(command, ["--allocators", "greedy,best"], catch_exceptions=False)
+
+
+def test_kills_are_the_same_for_every_allocator_and_grow_one_by_one() -> None:
+    few, more = (deaths_of(msgspec.structs.replace(SMALL, team="3A3G", kills=kills), 7) for kills in (2, 3))
+    assert len(few) == 2
+    assert few.items() <= more.items()
+    assert all(1 <= step <= KILLED_BY for step in more.values())
+
+
+def test_team_cannot_lose_everybody() -> None:
+    result = CliRunner().invoke(command, [*SMALL_OPTIONS, "--kills", "2"])
+    assert isinstance(result.exception, ConfigError)
+    assert "1A1G can lose 0 to 1" in str(result.exception)

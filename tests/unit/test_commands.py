@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from gatar_edge.bridge.commands import CommandClient
-from gatar_edge.bridge.wire import Command, CommandAck, CommandResult
+from gatar_edge.bridge.dialect import Command, CommandResult
+from gatar_edge.bridge.wire import CommandAck
 
 S = 1_000_000_000
 ME, VEHICLE = (7, 191), (7, 1)

@@ -8,8 +8,9 @@ import struct
 
 import pytest
 
-from gatar_edge.bridge import wire
+from gatar_edge.bridge import dialect, wire
 from gatar_edge.bridge.companion_loss import Situation, companion_loss, loss_parameters
+from gatar_edge.bridge.dialect import MessageId
 from gatar_edge.bridge.doctor import CHECKS, FIRST, examine
 from gatar_edge.bridge.own_fence import fence_parameters, own_fence
 from gatar_edge.bridge.parameters import TRIES, ParameterReader, value_of
@@ -22,7 +23,7 @@ from gatar_edge.bridge.survey import Facts
 from gatar_edge.bridge.telemetry import Telemetry
 from gatar_edge.bridge.verdict import Level
 from gatar_edge.bridge.visit import Heard
-from gatar_edge.bridge.wire import Heartbeat, MessageId
+from gatar_edge.bridge.wire import Heartbeat
 from gatar_edge.types import NS_PER_S, GridSpec, RobotKind
 
 NOW = 100 * NS_PER_S
@@ -134,8 +135,8 @@ def test_what_is_wrong_is_said(check: str, changes: dict[str, object], level: Le
 
 
 def test_another_companion_of_the_same_vehicle_is_told_of_and_a_ground_station_is_company() -> None:
-    station = Heard(Heartbeat(wire.TYPE_GCS, 8, 0, 0, 4), NOW, NOW)
-    companion = Heard(Heartbeat(wire.TYPE_ONBOARD_CONTROLLER, 8, 0, 0, 4), NOW, NOW)
+    station = Heard(Heartbeat(dialect.TYPE_GCS, 8, 0, 0, 4), NOW, NOW)
+    companion = Heard(Heartbeat(dialect.TYPE_ONBOARD_CONTROLLER, 8, 0, 0, 4), NOW, NOW)
     assert verdict("company", heard={**GOOD.heard, (255, 190): station}) is Level.OK
     assert verdict("company", heard={**GOOD.heard, (1, 191): companion}) is Level.WARN
 

@@ -74,3 +74,20 @@ def test_no_rule_stalls_on_the_worlds_of_the_demonstration(rule: str, team: str,
         world = random_world(Team.parse(team), None, 15, 15, seed)
         result = fly(GridMission(world, AgentConfig(), LinkFaults(loss=loss)), make(rule))
         assert result.localized == result.reachable, f"seed {seed}"
+
+
+def test_dead_robots_stand_still_and_the_others_finish() -> None:
+    world = random_world(Team.parse("2A2G"), 8, SIZE, SIZE, 3)
+    config = AgentConfig(grid=GridSpec(width=SIZE, height=SIZE))
+    alive: list[set[int]] = []
+    mission = GridMission(world, config, LinkFaults(delay_min_ns=10**9, delay_max_ns=10**9), deaths={1: 2, 3: 4})
+    result = fly(mission, make("greedy"), lambda step, cells: alive.append(set(cells)))
+    assert alive[:6] == [{1, 2, 3, 4}] * 3 + [{2, 3, 4}] * 2 + [{2, 4}]
+    assert result.localized == result.reachable
+    assert result.steps > flown("greedy", "2A2G", 3).steps
+
+
+def test_mission_whose_last_robot_dies_ends() -> None:
+    world = random_world(Team.parse("1A0G"), 8, SIZE, SIZE, 3)
+    config = AgentConfig(grid=GridSpec(width=SIZE, height=SIZE))
+    assert fly(GridMission(world, config, deaths={1: 3}), make("greedy")).steps <= 4

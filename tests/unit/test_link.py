@@ -8,9 +8,10 @@ import socket
 
 import pytest
 
-from gatar_edge.bridge import link
+from gatar_edge.bridge import framing
 from gatar_edge.bridge.codec import Codec
-from gatar_edge.bridge.link import LinkError, StreamLink, UdpLink, datagrams, open_link, sender
+from gatar_edge.bridge.framing import datagrams, sender
+from gatar_edge.bridge.link import LinkError, StreamLink, UdpLink, open_link
 from gatar_edge.bridge.wire import Heartbeat
 from gatar_edge.errors import MissingExtraError
 
@@ -95,7 +96,7 @@ def test_frames_are_kept_whole_in_datagrams_below_the_mtu() -> None:
     frames = [Codec(1, 1).encode(BEAT)] * 200
     packed = datagrams(b"".join(frames))
     assert b"".join(packed) == b"".join(frames)
-    assert max(map(len, packed)) <= link.MAX_DATAGRAM
+    assert max(map(len, packed)) <= framing.MAX_DATAGRAM
     assert all(len(p) % len(frames[0]) == 0 for p in packed)
     assert len(packed) < 10
 

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from gatar_edge.bridge.geo import cell_centre_m, inside_grid, point_inside
 from gatar_edge.bridge.safety import Known, Limits, Refusal, gate
+from gatar_edge.separation import Place
 from gatar_edge.types import Goto, GridSpec, Hold, Mission, VehicleCommand
 
 S = 1_000_000_000
@@ -113,16 +114,23 @@ def test_a_vehicle_that_strayed_outside_the_fence_may_come_back() -> None:
 @pytest.mark.parametrize(
     ("wanted", "neighbor", "passes"),
     [
-        (Goto((9, 8)), ((95.0, 85.0), 20.0), False),
-        (Goto((9, 8)), ((95.0, 79.9), 20.4), False),  # 5.1 m away
-        (Goto((9, 8)), ((95.0, 77.0), 20.0), True),  # 8 m away
-        (Goto((9, 8)), ((95.0, 85.0), 22.0), True),  # another layer
-        (Mission(((2, 2), (9, 2))), ((95.0, 25.0), 20.0), False),
-        (Mission(((2, 2), (9, 2), (9, 5))), ((95.0, 25.0), 20.0), True),  # passing by is not resting there
+        (Goto((9, 8)), Place((95.0, 85.0), 20.0), False),
+        (Goto((9, 8)), Place((95.0, 79.9), 20.4), False),  # 5.1 m away
+        (Goto((9, 8)), Place((95.0, 77.0), 20.0), True),  # 8 m away
+        (Goto((9, 8)), Place((95.0, 85.0), 22.0), True),  # another layer
+        (Mission(((2, 2), (9, 2))), Place((95.0, 25.0), 20.0), False),
+        (Mission(((2, 2), (9, 2), (9, 5))), Place((95.0, 25.0), 20.0), True),  # it will be gone
+        (Mission(((2, 2), (9, 2), (9, 5))), Place((95.0, 25.0), 20.0, stands=True), False),
+        (Mission(((2, 2), (9, 2), (9, 5))), Place((65.0, 30.9), 20.0, stands=True), False),  # 5.9 m from a leg
+        (Mission(((2, 2), (9, 2), (9, 5))), Place((65.0, 31.1), 20.0, stands=True), True),
+        (Mission(((2, 2), (9, 2))), Place((25.0, 50.0), 20.0, stands=True), False),  # before the first corner
+        (Mission(((2, 2), (2, 9), (9, 9))), Place((25.0, 25.0), 20.0, stands=True), True),  # at a corner long passed
+        (Mission(((2, 9),)), Place((25.0, 71.0), 20.0, stands=True), True),  # away from one that stands too near
+        (Mission(((2, 2),)), Place((25.0, 71.0), 20.0, stands=True), False),  # but not through it
     ],
 )
-def test_no_vehicle_goes_to_rest_where_another_one_of_its_layer_is(
-    wanted: VehicleCommand, neighbor: tuple[tuple[float, float], float], passes: bool
+def test_no_vehicle_goes_to_rest_where_another_one_of_its_layer_is_nor_past_one_that_stands(
+    wanted: VehicleCommand, neighbor: Place, passes: bool
 ) -> None:
     expected = wanted if passes else Hold(Refusal.SEPARATION.value)
     assert gate(wanted, known(neighbors=(neighbor,)), limits(min_separation_m=6.0)) == expected

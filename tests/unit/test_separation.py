@@ -18,11 +18,13 @@ def neighbor(robot_id: int, kind: RobotKind = RobotKind.UGV, task: TaskKind = Ta
 
 
 def places(robot_id: int, kind: RobotKind, *neighbors: Neighbor) -> list[tuple[float, float]]:
-    return [place for place, _ in occupied(robot_id, kind, neighbors, GRID)]
+    return [place.point_m for place in occupied(robot_id, kind, neighbors, GRID)]
 
 
 def test_one_that_stands_keeps_its_cell() -> None:
     assert places(2, RobotKind.UGV, neighbor(9, task=TaskKind.HOLD)) == [(15.0, 15.0)]
+    standing = occupied(2, RobotKind.UGV, (neighbor(9, task=TaskKind.HOLD), neighbor(1)), GRID)
+    assert [place.stands for place in standing] == [True, False]
 
 
 def test_of_two_on_their_way_the_one_with_the_lower_id_goes() -> None:

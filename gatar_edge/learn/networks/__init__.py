@@ -9,9 +9,22 @@ from typing import Any
 from torch import nn
 
 from gatar_edge.errors import ConfigError
+from gatar_edge.learn.networks.gat import Gat, GatConfig
 from gatar_edge.learn.networks.gatar import Gatar, GatarConfig
+from gatar_edge.learn.networks.gatar_paper import GatarPaper, GatarPaperConfig
+from gatar_edge.learn.networks.gnn import Gnn
+from gatar_edge.learn.networks.gnn_vcycle import GnnVcycle, GnnVcycleConfig
+from gatar_edge.learn.networks.magat import Magat
+from gatar_edge.learn.networks.paper_shape import PaperConfig
 
-NETWORKS: dict[str, tuple[type[nn.Module], type[Any]]] = {"gatar": (Gatar, GatarConfig)}
+NETWORKS: dict[str, tuple[type[nn.Module], type[Any]]] = {
+    "gatar": (Gatar, GatarConfig),
+    "gatar-paper": (GatarPaper, GatarPaperConfig),
+    "gat": (Gat, GatConfig),
+    "gnn": (Gnn, PaperConfig),
+    "gnn-vcycle": (GnnVcycle, GnnVcycleConfig),
+    "magat": (Magat, GatConfig),
+}
 
 
 def build(name: str, settings: dict[str, Any] | None = None) -> nn.Module:

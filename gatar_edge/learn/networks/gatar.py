@@ -17,10 +17,11 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from gatar_edge.features import CHANNELS, PAIR_FEATURES, ROBOT_FEATURES, WINDOW
+from gatar_edge.features import CHANNELS, PAIR_FEATURES, PLACE_FEATURES, ROBOT_FEATURES, WINDOW
 
 HIDDEN_SCORE = -1e4  # finite, so that nothing becomes NaN; far enough that exp() of it is exactly 0
 SCORE_SCALE = 0.1
+LEG_SCALE = 0.25
 RANK = ROBOT_FEATURES.index("rank")
 INSIDE = PAIR_FEATURES.index("inside")
 
@@ -41,6 +42,8 @@ class GatarConfig:
     tasks: bool = False  # what robots are doing: off for imitation, where it would tell of the expert's past choices
     ages: bool = False  # how old the news of a robot is
     shortcuts: bool = True  # eq. 9b: K_ll
+    ahead: bool = False  # frontiers among the candidates, and what they may hide (input `places`)
+    tour: bool = False  # a robot sees what else lies near each candidate, by learned weights of the distance
     shared: bool = True  # one set of parameters for the rounds of one direction and level
     channels: tuple[bool, ...] = (True,) * len(CHANNELS)  # which of the four maps are seen
 
@@ -86,10 +89,17 @@ class Round(nn.Module):
         self.query = nn.Linear(width + 2, width, bias=False)
         self.key = nn.Linear(width + 2, width, bias=False)
         self.value = nn.Linear(width + 2, width)
-        extra = 2 + width * (config.attention + config.summary) + config.competition * (4 if config.order else 2)
+        self.near = nn.Linear(width + 2, width) if config.tour else None
+        extra = (
+            2
+            + width * (config.attention + config.summary + config.tour)
+            + config.competition * (4 if config.order else 2)
+        )
         self.update = nn.Sequential(nn.Linear(width + extra, 2 * width), nn.ReLU(), nn.Linear(2 * width, width))
 
-    def forward(self, h: Tensor, bids: Tensor, scores: Tensor, mask: Tensor, before: Tensor) -> tuple[Tensor, Tensor]:
+    def forward(
+        self, h: Tensor, bids: Tensor, scores: Tensor, mask: Tensor, before: Tensor, shown: Tensor, legs: Tensor | None
+    ) -> tuple[Tensor, Tensor]:
         normed = self.norm(h)
         told = torch.stack([bids, scores * SCORE_SCALE], dim=-1)
         message = torch.cat([normed, told], dim=-1)
@@ -103,7 +113,18 @@ class Round(nn.Module):
         if self.config.summary:
             mean = (bids.unsqueeze(-1) * normed).sum(dim=2, keepdim=True)
             parts.append(mean.expand_as(h))
+        if self.near is not None and legs is not None:
+            parts.append(self._around(self.near(message) * shown, legs))
         return h + self.update(torch.cat(parts, dim=-1)), weights
+
+    def _around(self, values: Tensor, legs: Tensor) -> Tensor:
+        """What lies near each candidate: values [B, N, M, D] weighed by legs [B, H, M, M]."""
+        views, robots, candidates, width = values.shape
+        heads = self.config.heads
+        split = values.reshape(views, robots, candidates, heads, width // heads).permute(0, 3, 2, 1, 4)
+        gathered = legs @ split.reshape(views, heads, candidates, robots * (width // heads))
+        gathered = gathered.reshape(views, heads, candidates, robots, width // heads)
+        return gathered.permute(0, 3, 2, 1, 4).reshape(views, robots, candidates, width)
 
     def _attend(self, message: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
         """Eq. 10, receiver form: alpha_nm = softmax over m in N(n) of LeakyReLU(q_n k_m / sqrt d), per candidate."""
@@ -136,15 +157,15 @@ class Round(nn.Module):
 class Gatar(nn.Module):
     """See the module's docstring. Inputs as `gatar_edge.features.AXES`, with one batch axis in front."""
 
-    inputs = ("maps", "robots", "pairs", "cells", "valid", "offsets", "hops")
-
     def __init__(self, config: GatarConfig | None = None) -> None:
         super().__init__()
         self.config = config = config or GatarConfig()
+        self.inputs = ("maps", "robots", "pairs", "cells", "valid", "offsets", "hops", *(("places",) * config.ahead))
         width = config.width
         read = config.conv_channels if config.maps else 0
         self.window = WindowEncoder(read, config.channels) if config.maps else None
-        size = len(PAIR_FEATURES) + len(ROBOT_FEATURES) + read
+        size = len(PAIR_FEATURES) + len(ROBOT_FEATURES) + len(PLACE_FEATURES) * config.ahead + read
+        self.slopes = nn.Parameter(_first_slopes(config.heads)) if config.tour else None
         self.encode = nn.Sequential(nn.Linear(size, 2 * width), nn.ReLU(), nn.Linear(2 * width, width))
         self.score = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, 1))
         self.none = nn.Sequential(nn.Linear(width + len(ROBOT_FEATURES), width), nn.ReLU(), nn.Linear(width, 1))
@@ -161,13 +182,16 @@ class Gatar(nn.Module):
             self.register_buffer(name, torch.tensor([float(f not in hidden) for f in features]), persistent=False)
 
     def forward(
-        self, maps: Tensor, robots: Tensor, pairs: Tensor, cells: Tensor, valid: Tensor, offsets: Tensor, hops: Tensor
-    ) -> Outputs:
+        self, maps: Tensor, robots: Tensor, pairs: Tensor, cells: Tensor, valid: Tensor, offsets: Tensor, hops: Tensor,
+        places: Tensor | None = None,
+    ) -> Outputs:  # fmt: skip
         shown = valid > 0
+        legs = self._legs(offsets)
         before = robots[..., None, :, RANK] < robots[..., :, None, RANK]
         robots = robots * self.robot_scale
-        h = self._encode(maps, robots, pairs * self.pair_scale, cells, pairs[..., INSIDE])
+        h = self._encode(maps, robots, pairs * self.pair_scale, cells, pairs[..., INSIDE], places)
         h = torch.where(shown.unsqueeze(-1), h, 0.0)
+        weight = shown.unsqueeze(-1).to(h.dtype)
         levels = self.config.levels
         turn = len(levels) // 2
         down: dict[int, Tensor] = {}
@@ -184,13 +208,28 @@ class Gatar(nn.Module):
             if index < turn:
                 down[level] = h
             clipped = every[..., :-1].clamp(-10.0 / SCORE_SCALE, 10.0 / SCORE_SCALE)
-            h, weights = self.rounds[self.plan[index]](h, bids, clipped, mask, before)
+            h, weights = self.rounds[self.plan[index]](h, bids, clipped, mask, before, weight, legs)
             h = torch.where(shown.unsqueeze(-1), h, 0.0)
         scores = self._scores(h, robots, shown)
         return Outputs(scores, *self._ego(scores, shown, offsets, weights), tuple(history))
 
-    def _encode(self, maps: Tensor, robots: Tensor, pairs: Tensor, cells: Tensor, inside: Tensor) -> Tensor:
+    def _legs(self, offsets: Tensor) -> Tensor | None:
+        """Weights of one candidate for another by the way between them, exp(-way / reach): [B, H, M, M].
+
+        The way is taken as 4-connected with nothing between: only what is near counts.
+        """
+        if self.slopes is None:
+            return None
+        way = (offsets.unsqueeze(1) - offsets.unsqueeze(2)).abs().sum(dim=-1)  # [B, M, M]
+        weights = torch.exp(-way.unsqueeze(1) * functional.softplus(self.slopes)[:, None, None])
+        return weights * (LEG_SCALE - LEG_SCALE * torch.eye(way.shape[1], dtype=way.dtype, device=way.device))
+
+    def _encode(
+        self, maps: Tensor, robots: Tensor, pairs: Tensor, cells: Tensor, inside: Tensor, places: Tensor | None
+    ) -> Tensor:
         parts = [pairs, robots.unsqueeze(2).expand(-1, -1, pairs.shape[2], -1)]
+        if places is not None:
+            parts.append(places.unsqueeze(1).expand(-1, pairs.shape[1], -1, -1))
         if self.window is not None:
             parts.append(self.window(maps, cells) * inside.unsqueeze(-1))
         encoded: Tensor = self.encode(torch.cat(parts, dim=-1))
@@ -212,6 +251,12 @@ class Gatar(nn.Module):
             share = bids / bids.sum(dim=-1, keepdim=True).clamp(min=1e-6)
             return xy, (share.unsqueeze(-1) * heads).sum(dim=1)
         return xy, heads.mean(dim=1)
+
+
+def _first_slopes(heads: int) -> Tensor:
+    """Slopes before training, [H]: from candidates side by side to all of a window, as softplus takes them."""
+    slopes = torch.tensor([1.0 / reach for reach in (1.0, 2.0, 4.0, 8.0)]).repeat(-(-heads // 4))[:heads]
+    return torch.log(torch.expm1(slopes))
 
 
 def _round_plan(config: GatarConfig) -> list[int]:

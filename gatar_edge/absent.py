@@ -1,0 +1,39 @@
+"""Where robots are that were heard before and are out of range now: remembered, and moved on towards their goals.
+
+A robot that should be heard and is not, is not there: one whose expected place lies within radio range of ego or of a
+neighbour of ego's is left out, so that a dead robot's targets are not kept for it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+from gatar_edge.types import NS_PER_S, Cell, RobotState, TaskKind
+
+REMEMBER_S = 30.0  # since a robot was last heard
+
+
+def expected_cell(cell: Cell, goal: Cell, travelled: float) -> Cell:
+    """Where a robot is that left `cell` straight for `goal` and has `travelled` so many cells; then it waits."""
+    way = abs(goal[0] - cell[0]) + abs(goal[1] - cell[1])
+    share = min(1.0, travelled / way) if way else 1.0
+    x, y = (math.floor(a + share * (b - a) + 0.5) for a, b in zip(cell, goal, strict=True))
+    return x, y
+
+
+def out_of_range(last_heard: Iterable[RobotState], near: Sequence[RobotState], r_comm: float) -> tuple[RobotState, ...]:
+    """Of `last_heard`, robots as they were when they fell silent, those that may well be out of earshot now, by id.
+
+    `near` are ego and its direct neighbours.
+    """
+    found = []
+    for robot in last_heard:
+        if robot.age_ns > REMEMBER_S * NS_PER_S:
+            continue
+        goal = robot.task_cell if robot.task is not TaskKind.HOLD else robot.cell
+        cell = expected_cell(robot.cell, goal, robot.age_ns / NS_PER_S * robot.speed_cells_s)
+        if all(math.dist(cell, other.cell) > r_comm for other in near):
+            found.append(replace(robot, cell=cell))
+    return tuple(sorted(found, key=lambda robot: robot.robot_id))
