@@ -76,7 +76,7 @@ def _measure_scene(allocator: Gatar, scene: Scene, repeats: int, eager: Eager | 
     ahead = policy.manifest.looks_ahead
     inputs = inputs_of(view, ahead)
     output = policy.run(inputs)
-    scores, possible, order = output.scores, inputs["valid"] > 0, in_id_order(view)
+    scores, possible, order = output.scores, inputs["valid"].astype(np.bool_), in_id_order(view)
     calls: dict[str, Callable[[], object]] = {
         "view": lambda: agent.view(now_ns, scene.observation),
         "features": lambda: inputs_of(view, ahead),
