@@ -290,7 +290,7 @@ def episode(
     everybody = np.ones(count, dtype=np.bool_)
     tasks = np.full((count, 2), -1, dtype=np.int64)
     way = np.zeros(count)
-    remember = 0 if teacher == GREEDY else REMEMBER
+    remember = REMEMBER if teacher == FORESIGHT else 0
     for step in range(packed.shape[0]):
         for n in range(count):
             field_of_view(obstacles, kinds[n] == 1, cells[n, 0], cells[n, 1], r_sense, seen, rows)
