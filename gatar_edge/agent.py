@@ -140,7 +140,7 @@ class Agent:
 
     def hear(self, datagram: bytes, now_ns: int) -> Heard:
         """Take in bytes from the radio; the answer may hold a relay to send on. Never raises for what was sent."""
-        if datagram[:1] == bytes((TALK,)):
+        if datagram and datagram[0] == TALK:
             return Heard(self._listen(datagram, now_ns))
         heard = self.neighbors.hear(datagram, now_ns)
         if heard.message is not None:
@@ -203,9 +203,9 @@ class Agent:
             fallback=fallback,
             retask=retask,
             robots=view.robots,
-            hops=tuple(int(hop) for hop in view.hops[0]),
+            hops=tuple(view.hops[0].tolist()),
             candidates=_candidates(view, allocation),
-            choices=tuple(int(choice) for choice in allocation.choices),
+            choices=tuple(allocation.choices.tolist()),
             attention=allocation.attention,
             shunned=tuple(sorted(self.shunned)),
         )
@@ -295,7 +295,5 @@ def _state_of(neighbor: Neighbor, now_ns: int) -> RobotState:
 
 
 def _candidates(view: View, allocation: Allocation) -> tuple[Candidate, ...]:
-    return tuple(
-        Candidate((int(x), int(y)), int(length), float(score))
-        for (x, y), length, score in zip(view.targets, view.lengths[0], allocation.scores[0], strict=True)
-    )
+    rows = zip(view.targets.tolist(), view.lengths[0].tolist(), allocation.scores[0].tolist(), strict=True)
+    return tuple(Candidate((x, y), length, score) for (x, y), length, score in rows)

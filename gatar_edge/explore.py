@@ -16,6 +16,7 @@ from gatar_edge.view import View
 
 FRONTIER_BLOCK = 4  # cells a side: a robot that enters a block sees all of it
 MOST_FRONTIERS = 24  # of a view: those nearest to any of its robots
+_FARTHEST = 2 * FRONTIER_BLOCK**6  # more than any square of a distance within a block times the number of its cells
 
 
 def frontiers(
@@ -38,14 +39,14 @@ def frontiers(
     # in whole numbers, so that all processors agree: the distance to the middle times the number of cells
     gap = (x * count[block] - np.bincount(block, x, blocks).astype(np.int64)[block]) ** 2
     gap += (y * count[block] - np.bincount(block, y, blocks).astype(np.int64)[block]) ** 2
-    order = np.lexsort((gap, block))
-    first = order[np.unique(block[order], return_index=True)[1]]
+    order = np.argsort(block * _FARTHEST + gap, kind="stable")
+    first = order[(np.cumsum(count) - count)[count > 0]]
     cells = np.stack([x[first], y[first]], axis=1)
     ways = distances[:, cells[:, 0], cells[:, 1]]
     soonest = np.where(ways == UNREACHABLE, np.iinfo(np.int32).max, ways).min(axis=0)
     reached = np.flatnonzero(soonest < np.iinfo(np.int32).max)
     kept = reached[np.argsort(soonest[reached], kind="stable")[:most]]
-    kept = kept[np.lexsort((cells[kept, 1], cells[kept, 0]))]
+    kept = kept[np.argsort(first[kept])]  # `x` and `y` are in order
     return cells[kept], count[block[first[kept]]]
 
 

@@ -23,6 +23,7 @@ N is at least 1 (ego is row 0); M is padded to at least 1 with `valid` 0, becaus
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,7 +31,7 @@ import numpy.typing as npt
 
 from gatar_edge.explore import MOST_FRONTIERS, frontiers
 from gatar_edge.grid import UNREACHABLE
-from gatar_edge.types import CellState, Floats, RobotKind
+from gatar_edge.types import CellState, Floats, IntGrid, RobotKind
 from gatar_edge.view import View
 
 FEATURES_VERSION = 3
@@ -84,6 +85,11 @@ PRIOR_TARGETS, PRIOR_CELLS = 3.0, 25.0  # the density of targets before anything
 UNKNOWN_REACH = 2  # half side of the square round a target in which unknown cells are counted
 
 _SPAN = np.arange(-(WINDOW // 2), WINDOW // 2 + 1)
+# numpy compares with its own numbers in a fraction of the time that it takes to look into an enum
+_UNKNOWN, _OBSTACLE, _TARGET, _LOCALIZED = np.array(
+    [CellState.UNKNOWN, CellState.OBSTACLE, CellState.TARGET, CellState.LOCALIZED], dtype=np.uint8
+)
+_UGV = int(RobotKind.UGV)
 
 Array = npt.NDArray[np.generic]
 Ints = npt.NDArray[np.int64]
@@ -147,18 +153,19 @@ def features_of(view: ViewArrays) -> Inputs:
     lengths = _at_targets(view)
     fastest = np.where(view.present, view.speeds, 0).max(axis=-1, keepdims=True)
     view = replace(view, speeds=view.speeds / np.maximum(fastest, np.float32(1e-6)))
-    cells, inside = _window_cells(view)
-    maps = channels(view)
+    gaps = view.targets[..., None, :, :] - view.robots[..., :, None, :]
+    cells, inside = _window_cells(view, gaps)
+    unknown = _unknown_sums(view)
     rank = _ranks(view) / np.float32(RANK_SCALE)
     valid = (lengths != UNREACHABLE) & view.listed[..., None, :] & view.present[..., :, None]
     return {
-        "maps": maps,
-        "robots": _robot_features(view, maps, rank),
-        "pairs": _pair_features(view, lengths, rank, inside),
+        "maps": channels(view),
+        "robots": _robot_features(view, unknown, rank),
+        "pairs": _pair_features(view, lengths, gaps, unknown, rank, inside),
         "cells": cells,
         "valid": valid.astype(np.float32),
         "offsets": (view.targets - view.robots[..., :1, :]).astype(np.float32),
-        "places": _place_features(view),
+        "places": _place_features(view, unknown),
         "hops": view.hops,
     }
 
@@ -171,13 +178,14 @@ def channels(view: ViewArrays) -> Floats:
     """
     flat, inside = _window_index(view)
     distance = view.distances.reshape(-1)[flat]
-    beliefs = view.belief.reshape(-1)[_window_index_of_belief(view, flat)]
+    shared = _window_index_of_belief(view, flat)
+    obstacles = (view.belief == _OBSTACLE).reshape(-1)[shared]
     speed = view.speeds[..., None, None]
     reachable = inside & (distance != UNREACHABLE)
     maps = np.empty((*view.robots.shape[:-1], len(CHANNELS), WINDOW, WINDOW), dtype=np.float32)
     maps[..., 0, :, :] = np.where(reachable, speed / (np.maximum(distance, 0) + np.float32(EPSILON)), 0)
-    maps[..., 1, :, :] = np.where(inside, _gaussian(view), 0)
-    maps[..., 2, :, :] = inside & (beliefs == CellState.OBSTACLE)
+    maps[..., 1, :, :] = _gaussian(view).reshape(-1)[shared] * inside
+    maps[..., 2, :, :] = inside & obstacles
     np.multiply(maps[..., 0, :, :], maps[..., 1, :, :], out=maps[..., 3, :, :])
     maps[~view.present] = 0
     return maps
@@ -189,28 +197,36 @@ def _window_index(view: ViewArrays) -> tuple[Ints, Bools]:
     x = view.robots[..., 0, None] + _SPAN
     y = view.robots[..., 1, None] + _SPAN
     inside = ((x >= 0) & (x < width))[..., :, None] & ((y >= 0) & (y < height))[..., None, :]
-    cell = np.clip(x, 0, width - 1)[..., :, None] * height + np.clip(y, 0, height - 1)[..., None, :]
+    cell = (_within(x, width - 1) * height)[..., :, None] + _within(y, height - 1)[..., None, :]
     robots = view.robots.shape[:-1]
-    first = np.arange(int(np.prod(robots, dtype=np.int64))).reshape(robots) * (width * height)
+    first = np.arange(math.prod(robots)).reshape(robots) * (width * height)
     return cell + first[..., None, None], inside
+
+
+def _within(values: Ints, most: int) -> Ints:
+    """`values` from 0 to `most`; np.clip is slower on few numbers."""
+    inside: Ints = np.minimum(np.maximum(values, 0), most)
+    return inside
 
 
 def _window_index_of_belief(view: ViewArrays, flat: Ints) -> Ints:
     """The same cells in the belief, which all robots of a view share."""
     area = view.belief.shape[-2] * view.belief.shape[-1]
     batch = view.belief.shape[:-2]
-    first = np.arange(int(np.prod(batch, dtype=np.int64))).reshape(batch) * area
+    first = np.arange(math.prod(batch)).reshape(batch) * area
     index: Ints = flat % area + first[..., None, None, None]
     return index
 
 
 def _gaussian(view: ViewArrays) -> Floats:
-    """Separable: [..., N, x, M] against [..., N, M, y], the larger of all targets."""
-    offset = (view.targets[..., None, :, :] - view.robots[..., :, None, :]).astype(np.float32)
-    gap = offset[..., None] - _SPAN.astype(np.float32)  # [..., N, M, 2, window]
-    bell = np.exp(-(gap * gap) / np.float32(SIGMA * SIGMA))
-    along_x = bell[..., 0, :] * (view.listed & (view.dark == 0))[..., None, :, None]
-    along_y = bell[..., 1, :]
+    """On the world's cells, which all robots of a view share: [..., W, H]; separable, the larger of all targets."""
+    width, height = view.belief.shape[-2:]
+    targets = view.targets.astype(np.float32)
+    gap_x = targets[..., 0, None] - np.arange(width, dtype=np.float32)
+    gap_y = targets[..., 1, None] - np.arange(height, dtype=np.float32)
+    scale = np.float32(SIGMA * SIGMA)
+    along_x = np.exp(-(gap_x * gap_x) / scale) * (view.listed & (view.dark == 0))[..., None]
+    along_y = np.exp(-(gap_y * gap_y) / scale)
     best: Floats = (along_x[..., :, None] * along_y[..., None, :]).max(axis=-3)
     return best
 
@@ -219,7 +235,7 @@ def _at_targets(view: ViewArrays) -> Ints:
     """Steps from each robot to each target: [..., N, M]."""
     width, height = view.belief.shape[-2:]
     robots = view.robots.shape[:-1]
-    first = np.arange(int(np.prod(robots, dtype=np.int64))).reshape(robots) * (width * height)
+    first = np.arange(math.prod(robots)).reshape(robots) * (width * height)
     cell = view.targets[..., 0] * height + view.targets[..., 1]
     lengths: Ints = view.distances.reshape(-1)[first[..., None] + cell[..., None, :]]
     return lengths
@@ -234,10 +250,12 @@ def _times(lengths: Ints, speeds: Floats) -> tuple[Floats, Floats]:
     return times, reward
 
 
-def _window_cells(view: ViewArrays) -> tuple[Ints, Bools]:
-    offset = view.targets[..., None, :, :] - view.robots[..., :, None, :] + WINDOW // 2
-    inside = ((offset >= 0) & (offset < WINDOW)).all(axis=-1) & view.listed[..., None, :]
-    return np.where(inside, offset[..., 0] * WINDOW + offset[..., 1], 0), inside
+def _window_cells(view: ViewArrays, gaps: Ints) -> tuple[Ints, Bools]:
+    """Index of each candidate's cell in each robot's window, and whether it lies there; `gaps` [..., N, M, 2]."""
+    near = np.abs(gaps) <= WINDOW // 2
+    inside = near[..., 0] & near[..., 1] & view.listed[..., None, :]
+    cell = gaps[..., 0] * WINDOW + gaps[..., 1] + WINDOW // 2 * (WINDOW + 1)
+    return np.where(inside, cell, 0), inside
 
 
 def _ranks(view: ViewArrays) -> Floats:
@@ -247,74 +265,74 @@ def _ranks(view: ViewArrays) -> Floats:
     return rank
 
 
-def _robot_features(view: ViewArrays, maps: Floats, rank: Floats) -> Floats:
+def _robot_features(view: ViewArrays, unknown: IntGrid, rank: Floats) -> Floats:
     out = np.empty((*view.ids.shape, len(ROBOT_FEATURES)), dtype=np.float32)
-    out[..., 0] = view.kinds == RobotKind.UGV
+    out[..., 0] = view.kinds == _UGV
     out[..., 1] = view.speeds
     out[..., 2] = rank
     out[..., 3] = view.hops[..., 0, :] / np.float32(2)
     out[..., 4] = np.arange(view.ids.shape[-1]) == 0
     out[..., 5] = view.tasks[..., 0] >= 0
     out[..., 6] = (view.hops == 1).sum(axis=-1) / np.float32(8)
-    out[..., 7] = _unknown_share(view, view.robots, WINDOW // 2)
+    out[..., 7] = _unknown_share(unknown, view.robots, WINDOW // 2)
     out[..., 8] = view.ages_s / np.float32(AGE_SCALE_S)
     out[~view.present] = 0
     return out
 
 
-def _pair_features(view: ViewArrays, lengths: Ints, rank: Floats, inside: Bools) -> Floats:
+def _pair_features(
+    view: ViewArrays, lengths: Ints, gaps: Ints, unknown: IntGrid, rank: Floats, inside: Bools
+) -> Floats:
     reachable = lengths != UNREACHABLE
     times, reward = _times(lengths, view.speeds)
     out = np.empty((*times.shape, len(PAIR_FEATURES)), dtype=np.float32)
-    offset = view.targets[..., None, :, :] - view.robots[..., :, None, :]
-    task = (view.tasks[..., :, None, :] == view.targets[..., None, :, :]).all(axis=-1)
+    task = view.tasks[..., :, None, :] == view.targets[..., None, :, :]
     out[..., 0] = times / np.float32(TIME_SCALE)
     out[..., 1] = reward
     out[..., 2] = reachable
-    out[..., 3] = (view.kinds == RobotKind.UGV)[..., None]
-    out[..., 4] = _unknown_share(view, view.targets, UNKNOWN_REACH)[..., None, :]
+    out[..., 3] = (view.kinds == _UGV)[..., None]
+    out[..., 4] = _unknown_share(unknown, view.targets, UNKNOWN_REACH)[..., None, :]
     out[..., 5] = rank[..., None]
     out[..., 6] = np.arange(view.targets.shape[-2], dtype=np.float32) / np.float32(TARGET_RANK_SCALE)
-    out[..., 7] = task
+    out[..., 7] = task[..., 0] & task[..., 1]
     out[..., 8] = inside
-    out[..., 9:11] = offset / np.float32(LENGTH_SCALE_CELLS)
+    out[..., 9:11] = gaps / np.float32(LENGTH_SCALE_CELLS)
     out *= (view.listed[..., None, :] & view.present[..., :, None])[..., None]
     return out
 
 
-def _place_features(view: ViewArrays) -> Floats:
+def _place_features(view: ViewArrays, unknown: IntGrid) -> Floats:
     """Whether a candidate is a frontier, the unknown cells round it, and how many targets they may hide."""
     size = view.belief.shape[-2] * view.belief.shape[-1]
-    cells = view.belief.reshape(*view.belief.shape[:-2], size)
-    found = ((cells == CellState.TARGET) | (cells == CellState.LOCALIZED)).sum(axis=-1)
-    seen = (cells != CellState.UNKNOWN).sum(axis=-1) - (cells == CellState.OBSTACLE).sum(axis=-1)
-    density = (found.astype(np.float32) + np.float32(PRIOR_TARGETS)) / (
-        seen.astype(np.float32) + np.float32(PRIOR_CELLS)
-    )
+    found = np.count_nonzero((view.belief == _TARGET) | (view.belief == _LOCALIZED), axis=(-2, -1))
+    seen = size - unknown[..., -1, -1] - np.count_nonzero(view.belief == _OBSTACLE, axis=(-2, -1))
+    density = (np.float32(found) + np.float32(PRIOR_TARGETS)) / (np.float32(seen) + np.float32(PRIOR_CELLS))
     dark = view.dark.astype(np.float32)
     out = np.empty((*dark.shape, len(PLACE_FEATURES)), dtype=np.float32)
     out[..., 0] = view.dark > 0
     out[..., 1] = dark / np.float32(UNKNOWN_SCALE)
-    out[..., 2] = dark * density[..., None]
+    out[..., 2] = dark * np.asarray(density)[..., None]
     return out
 
 
-def _unknown_share(view: ViewArrays, centres: Ints, reach: int) -> Floats:
-    """Share of unknown cells in the square round each centre [..., K, 2]; outside the world nothing is unknown."""
+def _unknown_sums(view: ViewArrays) -> IntGrid:
+    """How many cells are unknown below and left of each corner of a cell: [..., W + 1, H + 1]."""
     width, height = view.belief.shape[-2:]
     unknown = np.zeros((*view.belief.shape[:-2], width + 1, height + 1), dtype=np.int32)
-    np.cumsum(view.belief == CellState.UNKNOWN, axis=-2, out=unknown[..., 1:, 1:])
+    np.cumsum(view.belief == _UNKNOWN, axis=-2, out=unknown[..., 1:, 1:])
     np.cumsum(unknown[..., 1:, 1:], axis=-1, out=unknown[..., 1:, 1:])
-    batch = view.belief.shape[:-2]
-    first = (np.arange(int(np.prod(batch, dtype=np.int64))).reshape(batch) * (width + 1) * (height + 1))[..., None]
-    x0, y0 = (np.clip(centres[..., axis] - reach, 0, size) for axis, size in ((0, width), (1, height)))
-    x1, y1 = (np.clip(centres[..., axis] + reach + 1, 0, size) for axis, size in ((0, width), (1, height)))
+    return unknown
+
+
+def _unknown_share(unknown: IntGrid, centres: Ints, reach: int) -> Floats:
+    """Share of unknown cells in the square round each centre [..., K, 2]; outside the world nothing is unknown."""
+    width, height = unknown.shape[-2] - 1, unknown.shape[-1] - 1
+    batch = unknown.shape[:-2]
+    first = (np.arange(math.prod(batch)).reshape(batch) * (width + 1) * (height + 1))[..., None]
+    x0, y0 = (_within(centres[..., axis] - reach, size) for axis, size in ((0, width), (1, height)))
+    x1, y1 = (_within(centres[..., axis] + reach + 1, size) for axis, size in ((0, width), (1, height)))
     table = unknown.reshape(-1)
-    count = (
-        table[first + x1 * (height + 1) + y1]
-        - table[first + x0 * (height + 1) + y1]
-        - table[first + x1 * (height + 1) + y0]
-        + table[first + x0 * (height + 1) + y0]
-    )
+    low, high = first + x0 * (height + 1), first + x1 * (height + 1)
+    count = table[high + y1] - table[low + y1] - table[high + y0] + table[low + y0]
     share: Floats = count.astype(np.float32) / np.float32((2 * reach + 1) ** 2)
     return share

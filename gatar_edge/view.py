@@ -58,8 +58,8 @@ def build_view(
 
 def distances_of(robots: Sequence[RobotState], belief: ByteGrid) -> IntGrid:
     """Steps from each robot to each cell: int32 [N, W, H], -1 unreachable."""
-    free = {kind: passable(kind, belief) for kind in RobotKind}
-    return np.stack([path_lengths(robot.kind, robot.cell, free[robot.kind]) for robot in robots])
+    free = passable(RobotKind.UGV, belief)  # of a UAV's way, `path_lengths` asks for nothing but the grid's shape
+    return np.stack([path_lengths(robot.kind, robot.cell, free) for robot in robots])
 
 
 def with_absent(view: View) -> View:
@@ -102,14 +102,13 @@ def without(view: View, cells: Iterable[Cell]) -> View:
 
 def hop_counts(robots: Sequence[RobotState], r_comm: float, hop_limit: int) -> Hops:
     """Hops between robots in the radius graph (eq. 4 of the paper: within `r_comm` cells, Euclidean): int8 [N, N]."""
-    cells = np.array([robot.cell for robot in robots], dtype=np.float64)
-    gap = cells[:, None, :] - cells[None, :, :]
-    near = (gap**2).sum(axis=-1) <= r_comm * r_comm
+    x, y = np.array([robot.cell for robot in robots], dtype=np.float64).T
+    near = (x[:, None] - x) ** 2 + (y[:, None] - y) ** 2 <= r_comm * r_comm
     hops = np.where(near, 1, -1).astype(np.int8)
     np.fill_diagonal(hops, 0)
-    reached = near
+    links, reached = near.astype(np.float32), near  # counts of at most N, exact in single precision
     for hop in range(2, hop_limit + 1):
-        reached = (reached.astype(np.int32) @ near.astype(np.int32)) > 0
+        reached = (reached.astype(np.float32) @ links) > 0
         hops[reached & (hops < 0)] = hop
     return hops
 

@@ -48,12 +48,12 @@ class Gatar:
         output = self.policy.run(features_of(arrays))
         places = arrays.targets[arrays.listed]
         possible = whole.distances[:, places[:, 0], places[:, 1]] != UNREACHABLE
-        scores = output.scores[:, [*range(len(places)), -1]]
+        scores = output.scores if len(places) == len(arrays.targets) else output.scores[:, [*range(len(places)), -1]]
         held = in_hand(whole, places) if ahead else None
         joint = decode(scores, possible, in_id_order(whole), held)
         count = len(view.targets)
-        ids = [robot.robot_id for robot in whole.robots]
-        rows = [ids.index(robot.robot_id) for robot in view.robots]
+        row_of = {robot.robot_id: row for row, robot in enumerate(whole.robots)}
+        rows = [row_of[robot.robot_id] for robot in view.robots]
         choices = np.where(joint[rows] < count, joint[rows], NO_TARGET).astype(np.int32)
         x, y = view.robots[0].cell
         return Allocation(
@@ -69,12 +69,14 @@ def in_hand(view: View, places: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
     """Which candidates [M, 2] the robots are on their way to: bool [N, M]; a frontier is the same in all its block."""
     same = np.zeros((len(view.robots), len(places)), dtype=np.bool_)
     count = len(view.targets)
+    x, y = places.T
     for row, robot in enumerate(view.robots):
+        to_x, to_y = robot.task_cell
         if robot.task is TaskKind.TARGET:
-            same[row, :count] = (places[:count] == np.array(robot.task_cell)).all(axis=1)
+            same[row, :count] = (x[:count] == to_x) & (y[:count] == to_y)
         elif robot.task is TaskKind.EXPLORE:
-            block = np.array(robot.task_cell) // FRONTIER_BLOCK
-            same[row, count:] = (places[count:] // FRONTIER_BLOCK == block).all(axis=1)
+            block_x, block_y = x[count:] // FRONTIER_BLOCK, y[count:] // FRONTIER_BLOCK
+            same[row, count:] = (block_x == to_x // FRONTIER_BLOCK) & (block_y == to_y // FRONTIER_BLOCK)
     return same
 
 

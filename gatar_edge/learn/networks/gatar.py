@@ -5,12 +5,11 @@ wider and wider hop masks, up again over the same, each upward round joined to t
 one direction and level share their parameters. Within a round, each robot attends to the robots in its mask for each
 candidate apart (eq. 10). There is no absolute coordinate and no fixed N or M.
 
-A robot outside the mask has weight exactly zero: masks are finite, and what they hide is zeroed before it is summed.
+A robot outside the mask has weight exactly zero: what is hidden lies so far below all else that exp() of it is 0.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import torch
@@ -18,34 +17,13 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from gatar_edge.features import CHANNELS, PAIR_FEATURES, PLACE_FEATURES, ROBOT_FEATURES, WINDOW
+from gatar_edge.learn.networks.gatar_round import MOST_SCORE, GatarConfig, Hearing, Round
 
 HIDDEN_SCORE = -1e4  # finite, so that nothing becomes NaN; far enough that exp() of it is exactly 0
 SCORE_SCALE = 0.1
 LEG_SCALE = 0.25
 RANK = ROBOT_FEATURES.index("rank")
 INSIDE = PAIR_FEATURES.index("inside")
-
-
-@dataclass(frozen=True, slots=True)
-class GatarConfig:
-    """Every part of the network that an ablation may take away."""
-
-    width: int = 32
-    heads: int = 4
-    levels: tuple[int, ...] = (1, 2, 2, 2, 2, 1)  # hop mask of each round; the second half is the way up
-    conv_channels: int = 8
-    maps: bool = True  # read the four channels through the CNN
-    attention: bool = True
-    competition: bool = True  # the largest bids and scores of the neighbours
-    summary: bool = True  # the robot's own bid-weighted mean
-    order: bool = True  # ranks of robots and targets, by which every robot breaks ties alike
-    tasks: bool = False  # what robots are doing: off for imitation, where it would tell of the expert's past choices
-    ages: bool = False  # how old the news of a robot is
-    shortcuts: bool = True  # eq. 9b: K_ll
-    ahead: bool = False  # frontiers among the candidates, and what they may hide (input `places`)
-    tour: bool = False  # a robot sees what else lies near each candidate, by learned weights of the distance
-    shared: bool = True  # one set of parameters for the rounds of one direction and level
-    channels: tuple[bool, ...] = (True,) * len(CHANNELS)  # which of the four maps are seen
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,82 +54,6 @@ class WindowEncoder(nn.Module):
         x = x.reshape(views, robots, self.channels, WINDOW * WINDOW)
         index = cells.unsqueeze(2).expand(-1, -1, self.channels, -1)
         return x.gather(3, index).transpose(2, 3)
-
-
-class Round(nn.Module):
-    """One exchange of bids over one hop mask: (h, bids, scores) -> h, and ego's attention."""
-
-    def __init__(self, config: GatarConfig) -> None:
-        super().__init__()
-        width = config.width
-        self.config = config
-        self.norm = nn.LayerNorm(width)
-        self.query = nn.Linear(width + 2, width, bias=False)
-        self.key = nn.Linear(width + 2, width, bias=False)
-        self.value = nn.Linear(width + 2, width)
-        self.near = nn.Linear(width + 2, width) if config.tour else None
-        extra = (
-            2
-            + width * (config.attention + config.summary + config.tour)
-            + config.competition * (4 if config.order else 2)
-        )
-        self.update = nn.Sequential(nn.Linear(width + extra, 2 * width), nn.ReLU(), nn.Linear(2 * width, width))
-
-    def forward(
-        self, h: Tensor, bids: Tensor, scores: Tensor, mask: Tensor, before: Tensor, shown: Tensor, legs: Tensor | None
-    ) -> tuple[Tensor, Tensor]:
-        normed = self.norm(h)
-        told = torch.stack([bids, scores * SCORE_SCALE], dim=-1)
-        message = torch.cat([normed, told], dim=-1)
-        parts = [message]
-        weights = mask.to(h.dtype)[:, None, None]
-        if self.config.attention:
-            heard, weights = self._attend(message, mask)
-            parts.append(heard)
-        if self.config.competition:
-            parts.append(self._competition(bids, scores, mask, before))
-        if self.config.summary:
-            mean = (bids.unsqueeze(-1) * normed).sum(dim=2, keepdim=True)
-            parts.append(mean.expand_as(h))
-        if self.near is not None and legs is not None:
-            parts.append(self._around(self.near(message) * shown, legs))
-        return h + self.update(torch.cat(parts, dim=-1)), weights
-
-    def _around(self, values: Tensor, legs: Tensor) -> Tensor:
-        """What lies near each candidate: values [B, N, M, D] weighed by legs [B, H, M, M]."""
-        views, robots, candidates, width = values.shape
-        heads = self.config.heads
-        split = values.reshape(views, robots, candidates, heads, width // heads).permute(0, 3, 2, 1, 4)
-        gathered = legs @ split.reshape(views, heads, candidates, robots * (width // heads))
-        gathered = gathered.reshape(views, heads, candidates, robots, width // heads)
-        return gathered.permute(0, 3, 2, 1, 4).reshape(views, robots, candidates, width)
-
-    def _attend(self, message: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
-        """Eq. 10, receiver form: alpha_nm = softmax over m in N(n) of LeakyReLU(q_n k_m / sqrt d), per candidate."""
-        heads, width = self.config.heads, self.config.width
-        views, robots, candidates = message.shape[0], message.shape[1], message.shape[2]
-
-        def split(x: Tensor) -> Tensor:  # [B, N, M, D] -> [B, M, H, N, D / H]
-            return x.reshape(views, robots, candidates, heads, width // heads).permute(0, 2, 3, 1, 4)
-
-        query, key, value = split(self.query(message)), split(self.key(message)), split(self.value(message))
-        logits = functional.leaky_relu(query @ key.transpose(-1, -2) / math.sqrt(width // heads), 0.2)
-        shown = mask[:, None, None]
-        alpha = torch.where(shown, logits, HIDDEN_SCORE).softmax(dim=-1)
-        alpha = torch.where(shown, alpha, 0.0)
-        heard = (alpha @ value).permute(0, 3, 1, 2, 4).reshape(views, robots, candidates, width)
-        return heard, alpha
-
-    def _competition(self, bids: Tensor, scores: Tensor, mask: Tensor, before: Tensor) -> Tensor:
-        """Largest bid and score of the neighbours, of those earlier and of those later in the order apart."""
-        others = mask & ~torch.eye(mask.shape[1], dtype=torch.bool, device=mask.device)
-        groups = [others & before, others & ~before] if self.config.order else [others]
-        found = []
-        for group in groups:
-            shown = group.unsqueeze(-1)  # [B, N, N, 1] against [B, 1, N, M]
-            found.append(torch.where(shown, bids.unsqueeze(1), 0.0).amax(dim=2))
-            found.append(torch.where(shown, scores.unsqueeze(1), -10.0 / SCORE_SCALE).amax(dim=2) * SCORE_SCALE)
-        return torch.stack(found, dim=-1)
 
 
 class Gatar(nn.Module):
@@ -185,13 +87,22 @@ class Gatar(nn.Module):
         self, maps: Tensor, robots: Tensor, pairs: Tensor, cells: Tensor, valid: Tensor, offsets: Tensor, hops: Tensor,
         places: Tensor | None = None,
     ) -> Outputs:  # fmt: skip
-        shown = valid > 0
+        views, count, candidates = valid.shape
         legs = self._legs(offsets)
-        before = robots[..., None, :, RANK] < robots[..., :, None, RANK]
+        hearings = self._hearings(hops, robots[..., RANK])
         robots = robots * self.robot_scale
-        h = self._encode(maps, robots, pairs * self.pair_scale, cells, pairs[..., INSIDE], places)
-        h = torch.where(shown.unsqueeze(-1), h, 0.0)
-        weight = shown.unsqueeze(-1).to(h.dtype)
+        rows = valid.reshape(-1, 1)
+        hidden = (1 - valid) * HIDDEN_SCORE
+        share = 1 / valid.sum(dim=2, keepdim=True).clamp(min=1)  # of a candidate in the mean
+
+        def scores_of(h: Tensor) -> Tensor:
+            """[B, N, M + 1]: candidates that do not exist or cannot be reached score `HIDDEN_SCORE`."""
+            scores = self.score(h).reshape(views, count, candidates) * valid + hidden
+            mean = h.reshape(views, count, candidates, self.config.width).sum(dim=2) * share
+            none = self.none(torch.cat([mean, robots], dim=-1).flatten(0, 1))
+            return torch.cat([scores, none.reshape(views, count, 1)], dim=-1)
+
+        h = self._encode(maps, robots, pairs * self.pair_scale, cells, pairs[..., INSIDE], places) * rows
         levels = self.config.levels
         turn = len(levels) // 2
         down: dict[int, Tensor] = {}
@@ -200,18 +111,28 @@ class Gatar(nn.Module):
         for index, level in enumerate(levels):
             if index >= turn and self.config.shortcuts and level in down:
                 h = h + self.shortcut[sorted(set(levels[turn:])).index(level)](down.pop(level))
-            every = self._scores(h, robots, shown)
-            history.append(every)
-            bids = every.softmax(dim=-1)[..., :-1]
-            bids = torch.where(shown, bids, 0.0)
-            mask = (hops >= 0) & (hops <= level)
             if index < turn:
                 down[level] = h
-            clipped = every[..., :-1].clamp(-10.0 / SCORE_SCALE, 10.0 / SCORE_SCALE)
-            h, weights = self.rounds[self.plan[index]](h, bids, clipped, mask, before, weight, legs)
-            h = torch.where(shown.unsqueeze(-1), h, 0.0)
-        scores = self._scores(h, robots, shown)
-        return Outputs(scores, *self._ego(scores, shown, offsets, weights), tuple(history))
+            every = scores_of(h)
+            history.append(every)
+            bids = every.softmax(dim=-1)[..., :-1]
+            told = every[..., :-1].clamp(-MOST_SCORE / SCORE_SCALE, MOST_SCORE / SCORE_SCALE) * SCORE_SCALE
+            h, weights = self.rounds[self.plan[index]](h, bids, told, hearings[level], rows, legs)
+            h = h * rows
+        scores = scores_of(h)
+        return Outputs(scores, *self._ego(scores, valid, offsets, weights), tuple(history))
+
+    def _hearings(self, hops: Tensor, ranks: Tensor) -> dict[int, Hearing]:
+        """The masks of each level that a round asks for: hops [B, N, N], ranks [B, N]."""
+        before = ranks[:, None, :] < ranks[:, :, None]
+        groups = torch.stack([before, ~before] if self.config.order else [torch.ones_like(before)], dim=1)
+        groups = groups & (hops != 0)[:, None]
+        found = {}
+        for level in set(self.config.levels):
+            heard = (hops >= 0) & (hops <= level)
+            rivals = groups & heard[:, None]
+            found[level] = Hearing(_far_below(heard)[:, None, None], _far_below(rivals)[:, :, None, ..., None])
+        return found
 
     def _legs(self, offsets: Tensor) -> Tensor | None:
         """Weights of one candidate for another by the way between them, exp(-way / reach): [B, H, M, M].
@@ -232,25 +153,24 @@ class Gatar(nn.Module):
             parts.append(places.unsqueeze(1).expand(-1, pairs.shape[1], -1, -1))
         if self.window is not None:
             parts.append(self.window(maps, cells) * inside.unsqueeze(-1))
-        encoded: Tensor = self.encode(torch.cat(parts, dim=-1))
+        table = torch.cat(parts, dim=-1)
+        encoded: Tensor = self.encode(table.reshape(-1, table.shape[-1]))
         return encoded
 
-    def _scores(self, h: Tensor, robots: Tensor, shown: Tensor) -> Tensor:
-        """[B, N, M + 1]: candidates that do not exist or cannot be reached score `HIDDEN_SCORE`."""
-        scores = torch.where(shown, self.score(h).squeeze(-1), HIDDEN_SCORE)
-        mean = h.sum(dim=2) / shown.sum(dim=2, keepdim=True).clamp(min=1)
-        none = self.none(torch.cat([mean, robots], dim=-1))
-        return torch.cat([scores, none], dim=-1)
-
-    def _ego(self, scores: Tensor, shown: Tensor, offsets: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+    def _ego(self, scores: Tensor, valid: Tensor, offsets: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
         """Ego's score-weighted mean cell (the paper's output) and its attention in the last round."""
-        bids = torch.where(shown[:, 0], scores[:, 0, :-1].softmax(dim=-1), 0.0)
+        bids = scores[:, 0, :-1].softmax(dim=-1) * valid[:, 0]
         xy = (bids.unsqueeze(-1) * offsets).sum(dim=1)
         heads = weights[..., 0, :].mean(dim=2)  # [B, M or 1, N]
         if self.config.attention:
             share = bids / bids.sum(dim=-1, keepdim=True).clamp(min=1e-6)
             return xy, (share.unsqueeze(-1) * heads).sum(dim=1)
         return xy, heads.mean(dim=1)
+
+
+def _far_below(seen: Tensor) -> Tensor:
+    """0 where `seen`, `HIDDEN_SCORE` elsewhere."""
+    return (~seen).to(torch.float32) * HIDDEN_SCORE
 
 
 def _first_slopes(heads: int) -> Tensor:
