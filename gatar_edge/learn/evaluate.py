@@ -16,7 +16,9 @@ import numpy.typing as npt
 
 from gatar_edge.allocators.base import NO_TARGET, Allocation, Allocator
 from gatar_edge.learn.dataset import LONGEST_EPISODE, STEP_DTYPE
-from gatar_edge.learn.episodes import DRIVEN_BY_EXPERT, NO_LABEL, VOTES, episode
+from gatar_edge.learn.episodes import episode
+from gatar_edge.learn.labels import NO_LABEL, VOTES
+from gatar_edge.learn.moves import DRIVEN_BY_EXPERT
 from gatar_edge.learn.plans import GREEDY
 from gatar_edge.learn.views import Batch, Group, batch_of
 from gatar_edge.sim_sitl.world import VALIDATION_SEEDS, Team, random_world
