@@ -222,15 +222,14 @@ class Agent:
             if self._on_grid(neighbor.message)
         ]
         near = [robot for robot in (ego, *others) if math.dist(robot.cell, ego.cell) <= config.r_comm]
-        absent = out_of_range(self._silent(now_ns), near, config.r_comm)
+        absent = out_of_range(self._silent(now_ns, config.max_neighbors - len(others)), near, config.r_comm)
         view = build_view(
             now_ns, ego, others, self.belief, config.r_comm, config.hop_limit, config.max_candidates, absent
         )
         return without(view, self.shunned) if self.shunned else view
 
-    def _silent(self, now_ns: int) -> list[RobotState]:
-        """Robots that left the graph not too long ago, as they were then; as many as the graph has room for."""
-        room = self.config.max_neighbors
+    def _silent(self, now_ns: int, room: int) -> list[RobotState]:
+        """Robots that left the graph not too long ago, as they were then: at most `room`, the last heard."""
         silent = [
             _state_of(neighbor, now_ns)
             for neighbor in self.neighbors.silent(now_ns, int(REMEMBER_S * NS_PER_S))

@@ -89,9 +89,11 @@ def load_groups(folder: Path) -> tuple[list[Group], dict[str, Any]]:
     hop_limit = int(manifest["options"]["hop_limit"])
     groups = []
     for (team, size), shards in parts.items():
-        *arrays, steps = (np.concatenate([shard[i] for shard in shards]) for i in range(len(FILES)))
+        beliefs, robots, known, votes, plans, steps = (np.concatenate(arrays) for arrays in zip(*shards, strict=True))
         ahead = manifest["options"]["teacher"] == "foresight"
-        groups.append(Group(Team.parse(team), size, *arrays, steps["r_comm"], hop_limit, ahead))
+        groups.append(
+            Group(Team.parse(team), size, beliefs, robots, known, votes, plans, steps["r_comm"], hop_limit, ahead)
+        )
     return groups, manifest
 
 
