@@ -228,14 +228,14 @@ class Agent:
         )
         return without(view, self.shunned) if self.shunned else view
 
-    def _silent(self, now_ns: int, room: int) -> list[RobotState]:
-        """Robots that left the graph not too long ago, as they were then: at most `room`, the last heard."""
+    def _silent(self, now_ns: int, most: int) -> list[RobotState]:
+        """Robots that left the graph not too long ago, as they were then: the `most` last heard."""
         silent = [
             _state_of(neighbor, now_ns)
             for neighbor in self.neighbors.silent(now_ns, int(REMEMBER_S * NS_PER_S))
             if self._on_grid(neighbor.message) and self._on_grid(neighbor.message, of_task=True)
         ]
-        return silent[:room]
+        return silent[:most]
 
     def _listen(self, datagram: bytes, now_ns: int) -> HearOutcome:
         """Hand the allocator what its like told."""

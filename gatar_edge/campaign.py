@@ -186,7 +186,7 @@ def _fly_each(flights: Sequence[Flight], workers: int) -> Iterator[tuple[Flight,
 @cache
 def factory(allocator: str) -> Make:
     """How to make the allocator, with one model or planner a process; tours are compiled where numba is installed."""
-    if not allocator.endswith("routing") or find_spec("numba") is None:
+    if "routing" not in allocator or find_spec("numba") is None:
         return make(allocator)
     from gatar_edge.learn.compiled import compiled_planner
 

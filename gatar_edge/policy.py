@@ -21,7 +21,8 @@ from gatar_edge.types import Floats
 
 LARGEST_FILE = 64 << 20  # bytes
 MODELS = Path(__file__).parent / "models"
-DEFAULT_MODEL = MODELS / "gatar-greedy.onnx"
+DEFAULT_MODEL = MODELS / "gatar-field.onnx"
+GREEDY_MODEL = MODELS / "gatar-greedy.onnx"  # the one that imitates the paper's expert
 
 
 @dataclass(frozen=True, slots=True)

@@ -49,7 +49,8 @@ class Gatar:
         places = arrays.targets[arrays.listed]
         possible = whole.distances[:, places[:, 0], places[:, 1]] != UNREACHABLE
         scores = output.scores[:, [*range(len(places)), -1]]
-        joint = decode(scores, possible, in_id_order(whole), in_hand(whole, places))
+        held = in_hand(whole, places) if ahead else None
+        joint = decode(scores, possible, in_id_order(whole), held)
         count = len(view.targets)
         ids = [robot.robot_id for robot in whole.robots]
         rows = [ids.index(robot.robot_id) for robot in view.robots]

@@ -11,12 +11,12 @@ from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.allocators.hungarian import Hungarian
 from gatar_edge.allocators.nearest import Nearest
 from gatar_edge.allocators.random import Random
-from gatar_edge.allocators.routing import Planner, Routing
+from gatar_edge.allocators.routing import Planner, Routing, RoutingWithMemory
 from gatar_edge.errors import ConfigError
 
 Make = Callable[[], Allocator]  # one for each robot: an allocator may remember
 
-NAMES = ("gatar", "nearest", "random", "greedy", "routing", "hungarian", "cbba")
+NAMES = ("gatar", "nearest", "random", "greedy", "routing", "routing+memory", "hungarian", "cbba")
 CENTRAL = "central-"  # the same rule where every robot hears all others: a bound, not a rival
 BOUNDS = tuple(CENTRAL + rule for rule in ("greedy", "hungarian", "routing"))
 
@@ -34,6 +34,7 @@ def make(name: str, planner: Planner | None = None) -> Make:
         "hungarian": Hungarian,
         "cbba": Cbba,
         "routing": lambda: Routing(planner),
+        "routing+memory": lambda: RoutingWithMemory(planner),
     }
     if rule in simple:
         return simple[rule]

@@ -15,7 +15,7 @@ from gatar_edge.allocators.base import NO_TARGET, Allocation, in_id_order, score
 from gatar_edge.allocators.tours import Plan, Problem
 from gatar_edge.grid import UNREACHABLE
 from gatar_edge.types import RobotKind
-from gatar_edge.view import View, target_legs, travel_times
+from gatar_edge.view import View, target_legs, travel_times, with_absent
 
 Tours = list[list[int]]
 Planner = Callable[[Problem, int], Tours]  # a problem of arrays, rounds of search -> targets of each robot in order
@@ -40,6 +40,20 @@ class Routing:
                 if tour:
                     choices[row] = tour[0]
         return Allocation(choices, scores_of(times))
+
+
+class RoutingWithMemory(Routing):
+    """The same, reckoning also with robots that are out of range: what the field model knows, without a network."""
+
+    name = "routing+memory"
+
+    def allocate(self, view: View) -> Allocation:
+        """See `allocators.base.Allocator`."""
+        whole = with_absent(view)
+        joint = super().allocate(whole).choices
+        rows = {robot.robot_id: row for row, robot in enumerate(whole.robots)}
+        choices = joint[[rows[robot.robot_id] for robot in view.robots]]
+        return Allocation(choices, scores_of(travel_times(view)))
 
 
 def problem_of(view: View) -> Problem:

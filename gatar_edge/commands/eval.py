@@ -44,7 +44,7 @@ class LazyParts(click.Group):
 
 
 @click.group("eval", cls=LazyParts, invoke_without_command=True)
-@click.option("--model", type=click.Path(path_type=Path, dir_okay=False), help="ONNX file.  [default: the shipped one]")
+@click.option("--model", type=click.Path(path_type=Path, dir_okay=False), help="ONNX file.  [default: gatar-greedy]")
 @click.option("--team", default="6A6G", show_default=True)
 @click.option("--size", type=click.IntRange(5, 254), default=15, show_default=True, help="Cells a side of a world.")
 @click.option("--r-sense", type=click.FloatRange(0, 100), default=4.0, show_default=True, help="Cells.")
@@ -72,9 +72,10 @@ def command(ctx: click.Context, /, model: Path | None, as_json: bool, **conditio
     from gatar_edge.allocators.nearest import Nearest
     from gatar_edge.allocators.random import Random
     from gatar_edge.learn.evaluate import Conditions, evaluate
+    from gatar_edge.policy import GREEDY_MODEL
 
     chosen = Conditions(**conditions)
-    network = Gatar(model)
+    network = Gatar(model or GREEDY_MODEL)
     rules: dict[str, Allocator] = {
         "gatar": network,
         "nearest": Nearest(),

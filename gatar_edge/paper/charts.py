@@ -24,6 +24,7 @@ STYLES = {
     "greedy": ("#009E73", "D"),
     "hungarian": ("#CC79A7", "v"),
     "routing": ("#E69F00", "P"),
+    "routing+memory": ("#F0E442", "h"),
     "nearest": ("#000000", "x"),
     "random": ("#999999", "+"),
 }

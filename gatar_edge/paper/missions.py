@@ -16,8 +16,8 @@ from gatar_edge.paper.plan import Scale
 from gatar_edge.paper.table import Table, Value
 
 SEED = 9000  # of the first mission; the same in `gatar eval missions`
-RULES = ("nearest", "random", "greedy", "hungarian", "routing", "cbba", "central-greedy", "central-hungarian",
-         "central-routing")  # fmt: skip
+RULES = ("nearest", "random", "greedy", "hungarian", "routing", "routing+memory", "cbba", "central-greedy",
+         "central-hungarian", "central-routing")  # fmt: skip
 CURVES = ("gatar-greedy", "gatar-field", "greedy", "hungarian", "routing")
 REFERENCE = "greedy"
 AVERAGED = ("steps_90", "mean_time", "localized", "retasks", "duplicates", "bytes_per_robot_step")

@@ -9,8 +9,6 @@ from typing import Any
 from gatar_edge.features import CHANNELS
 from gatar_edge.policy import MODELS
 
-GREEDY_MODEL = MODELS / "gatar-greedy.onnx"  # the one that imitates the paper's expert
-
 # Table 2, 6A6G: 90th percentile, median and mean distance in cells, on the authors' data after 20 epochs
 PAPER_TABLE_2 = {
     "gatar-paper": (4.3928, 0.8156, 1.6308),

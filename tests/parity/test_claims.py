@@ -9,6 +9,7 @@ from gatar_edge.allocators.gatar import Gatar
 from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.export.states import random_view
 from gatar_edge.features import ROBOT_FEATURES, features
+from gatar_edge.policy import GREEDY_MODEL
 from gatar_edge.types import CellState, RobotKind
 from gatar_edge.view import build_view, travel_times
 
@@ -31,7 +32,7 @@ OPEN_FIELD = "\n".join(["." * 21] * 6)
 
 @pytest.fixture(scope="module")
 def model():
-    return Gatar()
+    return Gatar(GREEDY_MODEL)
 
 
 def goals(view, allocation):
