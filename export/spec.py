@@ -7,8 +7,8 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from gatar_edge.features import AXES, LENGTH_SCALE_CELLS
-from gatar_edge.manifest import MAX_CANDIDATES, MAX_ROBOTS
+from gatar_edge.features import AXES, LENGTH_SCALE_CELLS, MAX_CANDIDATES
+from gatar_edge.manifest import MAX_ROBOTS
 
 OPSET = 18  # in the range that onnxruntime 1.17 reads
 IR_VERSION = 9

@@ -20,10 +20,10 @@ from gatar_edge.allocators.gatar import decode
 from gatar_edge.errors import GatarError, ModelError
 from gatar_edge.export.spec import DYNAMIC, TOLERANCE, SingleView
 from gatar_edge.export.states import CONNECTED, ISOLATED, random_view
-from gatar_edge.features import LENGTH_SCALE_CELLS, Inputs, arrays_of, features_of
+from gatar_edge.features import LENGTH_SCALE_CELLS, MAX_CANDIDATES, Inputs, arrays_of, features_of
 from gatar_edge.grid import UNREACHABLE
 from gatar_edge.learn.networks import build
-from gatar_edge.manifest import MAX_CANDIDATES, MAX_ROBOTS, OUTPUTS
+from gatar_edge.manifest import MAX_ROBOTS, OUTPUTS
 from gatar_edge.policy import Policy, PolicyOutput
 from gatar_edge.view import View, with_absent
 

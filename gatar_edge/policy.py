@@ -16,7 +16,7 @@ import onnxruntime
 
 from gatar_edge import manifest as contract
 from gatar_edge.errors import ModelError
-from gatar_edge.features import AXES, LENGTH_SCALE_CELLS, SIZES, Inputs
+from gatar_edge.features import AXES, LENGTH_SCALE_CELLS, MAX_CANDIDATES, SIZES, Inputs
 from gatar_edge.types import Floats
 
 LARGEST_FILE = 64 << 20  # bytes
@@ -55,10 +55,10 @@ class Policy:
         """Evaluate one view (`features.features`). Raises ModelError on a wrong shape or a not finite number."""
         feed = {name: self._checked(name, inputs) for name in self.manifest.inputs}
         sizes = _sizes(feed)
-        if not (1 <= sizes["N"] <= contract.MAX_ROBOTS and 1 <= sizes["M"] <= contract.MAX_CANDIDATES):
+        if not (1 <= sizes["N"] <= contract.MAX_ROBOTS and 1 <= sizes["M"] <= MAX_CANDIDATES):
             raise ModelError(
                 f"{sizes['N']} robots and {sizes['M']} candidates: {self.path.name} takes 1 to {contract.MAX_ROBOTS} "
-                f"and 1 to {contract.MAX_CANDIDATES}"
+                f"and 1 to {MAX_CANDIDATES}"
             )
         try:
             values: list[Floats] = self._session.run(self._outputs, feed)

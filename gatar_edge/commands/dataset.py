@@ -27,8 +27,8 @@ from gatar_edge.commands._learn import bar, need
 )
 @click.option(
     "--teacher", type=click.Choice(["greedy", "routing", "foresight"]), default="greedy", show_default=True,
-    help="greedy: the paper's central expert; routing: whole tours on each robot's view; foresight: tours over what the "
-    "unknown may hide, too, and frontiers among the candidates.",
+    help="greedy: the paper's central expert; routing: whole tours on each robot's view; foresight: tours over what "
+    "the unknown may hide, too, and frontiers among the candidates.",
 )  # fmt: skip
 @click.option("--samples", type=int, default=1_500_000, show_default=True, help="Robot-steps, at least.")
 @click.option("--seed", type=int, default=0, show_default=True)

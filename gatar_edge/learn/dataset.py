@@ -98,7 +98,8 @@ class DataOptions:
 def make_shard(options: DataOptions, number: int) -> tuple[Any, ...]:
     """The arrays of one shard, as `FILES` names them."""
     from gatar_edge.learn import plans
-    from gatar_edge.learn.episodes import VOTES, episode
+    from gatar_edge.learn.episodes import episode
+    from gatar_edge.learn.labels import VOTES
 
     team, size = options.shard_kind(number)
     count = len(team.kinds)

@@ -16,7 +16,9 @@ import numpy.typing as npt
 
 from gatar_edge.allocators.base import NO_TARGET, Allocation, Allocator
 from gatar_edge.learn.dataset import LONGEST_EPISODE, STEP_DTYPE
-from gatar_edge.learn.episodes import DRIVEN_BY_EXPERT, NO_LABEL, VOTES, episode
+from gatar_edge.learn.episodes import episode
+from gatar_edge.learn.labels import NO_LABEL, VOTES
+from gatar_edge.learn.moves import DRIVEN_BY_EXPERT
 from gatar_edge.learn.plans import GREEDY
 from gatar_edge.learn.views import Batch, Group, batch_of
 from gatar_edge.sim_sitl.world import VALIDATION_SEEDS, Team, random_world
@@ -122,9 +124,9 @@ def worlds(conditions: Conditions) -> Group:
         )  # fmt: skip
         labelled += int((arrays[1][:steps, :, 2] != NO_LABEL).sum())
         parts.append(tuple(array[:steps] for array in arrays))
-    joined = [np.concatenate([part[i] for part in parts]) for i in range(len(shapes))]
-    r_comm = np.full(len(joined[0]), conditions.r_comm, dtype=STEP_DTYPE["r_comm"])
-    return Group(team, conditions.size, *joined, r_comm, conditions.hop_limit)
+    beliefs, rows, known, votes, plans = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    r_comm = np.full(len(rows), conditions.r_comm, dtype=STEP_DTYPE["r_comm"])
+    return Group(team, conditions.size, beliefs, rows, known, votes, plans, r_comm, conditions.hop_limit)
 
 
 def view_at(batch: Batch, index: int) -> View:

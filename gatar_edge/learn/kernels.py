@@ -204,35 +204,19 @@ def list_frontiers(belief: Array, distances: Array, most: int, cells: Array, dar
     across = (height + FRONTIER_BLOCK - 1) // FRONTIER_BLOCK
     blocks = (width + FRONTIER_BLOCK - 1) // FRONTIER_BLOCK * across
     count = np.zeros(blocks, dtype=np.int64)
-    sums = np.zeros((blocks, 2), dtype=np.int64)
-    for i in range(width):
-        for j in range(height):
-            if belief[i, j] == UNKNOWN:
-                block = i // FRONTIER_BLOCK * across + j // FRONTIER_BLOCK
-                count[block] += 1
-                sums[block, 0] += i
-                sums[block, 1] += j
     place = np.full((blocks, 2), -1, dtype=np.int64)
-    nearest = np.empty(blocks, dtype=np.int64)
-    for i in range(width):
-        for j in range(height):
-            if belief[i, j] == UNKNOWN:
-                block = i // FRONTIER_BLOCK * across + j // FRONTIER_BLOCK
-                gap = (i * count[block] - sums[block, 0]) ** 2 + (j * count[block] - sums[block, 1]) ** 2
-                if place[block, 0] < 0 or gap < nearest[block]:
-                    place[block, 0], place[block, 1] = i, j
-                    nearest[block] = gap
-    soonest = np.full(blocks, 2**31 - 1, dtype=np.int64)
+    _block_places(belief, across, count, place)
+    never = 2**31 - 1
+    soonest = np.full(blocks, never, dtype=np.int64)
     for block in range(blocks):
         if count[block]:
             for n in range(distances.shape[0]):
                 way = distances[n, place[block, 0], place[block, 1]]
                 if 0 <= way < soonest[block]:
                     soonest[block] = way
-    order = np.argsort(soonest, kind="mergesort")[:most]
     chosen = np.zeros(blocks, dtype=np.bool_)
-    for block in order:
-        chosen[block] = soonest[block] < 2**31 - 1
+    for block in np.argsort(soonest, kind="mergesort")[:most]:
+        chosen[block] = soonest[block] < never
     found = 0
     for i in range(width):  # in order of the cells, not of the blocks
         for j in range(height):
@@ -242,6 +226,29 @@ def list_frontiers(belief: Array, distances: Array, most: int, cells: Array, dar
                 dark[found] = count[block]
                 found += 1
     return found
+
+
+@compiled
+def _block_places(belief: Array, across: int, count: Array, place: Array) -> None:
+    """Unknown cells of each block into `count` [K], and the one nearest to their middle into `place` [K, 2]."""
+    width, height = belief.shape
+    sums = np.zeros((len(count), 2), dtype=np.int64)
+    for i in range(width):
+        for j in range(height):
+            if belief[i, j] == UNKNOWN:
+                block = i // FRONTIER_BLOCK * across + j // FRONTIER_BLOCK
+                count[block] += 1
+                sums[block, 0] += i
+                sums[block, 1] += j
+    nearest = np.empty(len(count), dtype=np.int64)
+    for i in range(width):
+        for j in range(height):
+            if belief[i, j] == UNKNOWN:
+                block = i // FRONTIER_BLOCK * across + j // FRONTIER_BLOCK
+                gap = (i * count[block] - sums[block, 0]) ** 2 + (j * count[block] - sums[block, 1]) ** 2
+                if place[block, 0] < 0 or gap < nearest[block]:
+                    place[block, 0], place[block, 1] = i, j
+                    nearest[block] = gap
 
 
 @compiled

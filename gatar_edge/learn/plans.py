@@ -61,12 +61,12 @@ def first_times(distances: Array, speeds: Array, cells: Array, count: int) -> Ar
 
 @compiled
 def plan(
-    teacher: int, belief: Array, distances: Array, kinds: Array, speeds: Array, cells: Array, dark: Array,
-    targets: int, count: int, votes: Array, choices: Array,
+    teacher: int, belief: Array, distances: Array, kinds: Array, speeds: Array, cells: Array, targets: int,
+    count: int, votes: Array, choices: Array,
 ) -> None:  # fmt: skip
-    """Shares of each candidate for each robot into `votes` [N, count + 1] (last: none), one joint plan in `choices` [N].
+    """Shares of each candidate for each robot into `votes` [N, count + 1] (last: none); one plan into `choices` [N].
 
-    `targets` of the `count` candidates `cells` are targets, the rest frontiers over `dark` unknown cells.
+    `targets` of the `count` candidates `cells` are targets, the rest frontiers.
     """
     votes[:] = 0
     if teacher == FORESIGHT:
@@ -87,17 +87,23 @@ def plan(
 
 
 @compiled
+def hidden_density(belief: Array) -> float:
+    """Targets that an unknown cell is expected to hold, by what was seen: as the feature `hidden` counts them."""
+    found, seen = 0, 0
+    for i in range(belief.shape[0]):
+        for j in range(belief.shape[1]):
+            found += belief[i, j] == TARGET or belief[i, j] == LOCALIZED
+            seen += belief[i, j] == TARGET or belief[i, j] == LOCALIZED or belief[i, j] == FREE
+    return float((found + PRIOR_TARGETS) / (seen + PRIOR_CELLS))
+
+
+@compiled
 def _foresee(
     belief: Array, distances: Array, kinds: Array, speeds: Array, cells: Array, targets: int, count: int, votes: Array
 ) -> None:
     """Tours over the known targets and those that the unknown may hide, for `SAMPLES` draws of the hidden ones."""
     width, height = belief.shape
-    found, seen = 0, 0
-    for i in range(width):
-        for j in range(height):
-            found += belief[i, j] == TARGET or belief[i, j] == LOCALIZED
-            seen += belief[i, j] == TARGET or belief[i, j] == LOCALIZED or belief[i, j] == FREE
-    density = (found + PRIOR_TARGETS) / (seen + PRIOR_CELLS)
+    density = hidden_density(belief)
     across = (height + FRONTIER_BLOCK - 1) // FRONTIER_BLOCK
     owner = np.full((width + FRONTIER_BLOCK) * (height + FRONTIER_BLOCK), -1, dtype=np.int64)  # by block
     for m in range(targets, count):

@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass
 
 from gatar_edge.learn.dataset import DataOptions, make_shard
-from gatar_edge.learn.episodes import NO_LABEL
+from gatar_edge.learn.labels import NO_LABEL
 
 
 @dataclass(frozen=True, slots=True)

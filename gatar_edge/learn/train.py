@@ -105,8 +105,9 @@ def _usable(batch: Batch) -> np.ndarray[Any, np.dtype[np.int64]]:
 
 def _usable_shares(batch: Batch) -> np.ndarray[Any, np.dtype[np.float32]]:
     """Ego's shares, without those of candidates that it believes unreachable; all 0 where little is left."""
+    valid: np.ndarray[Any, Any] = batch.inputs["valid"]
     shares: np.ndarray[Any, np.dtype[np.float32]] = batch.shares.copy()
-    shares[:, :-1] *= batch.inputs["valid"][:, 0]
+    shares[:, :-1] *= valid[:, 0]
     total = shares.sum(axis=-1, keepdims=True)
     return np.where(total > 0.5, shares / np.maximum(total, np.float32(1e-6)), np.float32(0))
 

@@ -13,9 +13,10 @@ import numpy.typing as npt
 from gatar_edge.errors import ConfigError
 from gatar_edge.features import MAX_CANDIDATES, Inputs, ViewArrays, features_of
 from gatar_edge.learn.dataset import FILES, load_manifest
-from gatar_edge.learn.episodes import FRESH, KNOWABLE, NO_LABEL, NOBODY
 from gatar_edge.learn.jit import compiled
 from gatar_edge.learn.kernels import TARGET, hop_counts, path_lengths, unpack
+from gatar_edge.learn.labels import KNOWABLE, NO_LABEL
+from gatar_edge.learn.memory import FRESH, NOBODY
 from gatar_edge.learn.plans import list_candidates
 from gatar_edge.sim_sitl.world import Team
 from gatar_edge.view import FAR_HOPS
@@ -52,7 +53,8 @@ class Group:
 class Batch:
     """B views with what the teacher said: `labels` int64 [B, N], index of the candidate, M for none, or IGNORED.
 
-    `shares` float32 [B, M + 1] are ego's shares of the candidates and of none; 0 throughout where it knows none of them.
+    `shares` float32 [B, M + 1] are ego's shares of the candidates and of none; 0 throughout where it knows none of
+    them.
     """
 
     inputs: Inputs
@@ -87,9 +89,11 @@ def load_groups(folder: Path) -> tuple[list[Group], dict[str, Any]]:
     hop_limit = int(manifest["options"]["hop_limit"])
     groups = []
     for (team, size), shards in parts.items():
-        *arrays, steps = (np.concatenate([shard[i] for shard in shards]) for i in range(len(FILES)))
+        beliefs, robots, known, votes, plans, steps = (np.concatenate(arrays) for arrays in zip(*shards, strict=True))
         ahead = manifest["options"]["teacher"] == "foresight"
-        groups.append(Group(Team.parse(team), size, *arrays, steps["r_comm"], hop_limit, ahead))
+        groups.append(
+            Group(Team.parse(team), size, beliefs, robots, known, votes, plans, steps["r_comm"], hop_limit, ahead)
+        )
     return groups, manifest
 
 
@@ -163,7 +167,7 @@ def _build(
         for i in range(count):
             n = rows[b, i]
             path_lengths(belief[b], kinds[n] == 1, int(known[b, n, 0]), int(known[b, n, 1]), distances[b, i], queue)
-        found, listed = list_candidates(belief[b], distances[b, :count], frontiers, targets[b], dark[b])
+        _, listed = list_candidates(belief[b], distances[b, :count], frontiers, targets[b], dark[b])
         counts[b, 0], counts[b, 1] = count, listed
         for i in range(count):
             choice = plans[b, rows[b, i]]

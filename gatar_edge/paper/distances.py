@@ -17,8 +17,8 @@ from gatar_edge.learn.evaluate import Conditions, Distances, Score, evaluate
 from gatar_edge.learn.network_rule import network_rule
 from gatar_edge.learn.train import load_model
 from gatar_edge.paper.plan import LABELS, PAPER_TABLE_2, TABLE_2, TABLE_3, Scale
-from gatar_edge.policy import GREEDY_MODEL
 from gatar_edge.paper.table import Table, Value
+from gatar_edge.policy import GREEDY_MODEL
 
 SEED = 7  # of the first world; the same in `gatar eval`
 CURVES = ("gatar", "gatar-paper", "greedy", "nearest", "random")

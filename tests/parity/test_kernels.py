@@ -6,10 +6,13 @@ import pytest
 from gatar_edge import belief as beliefs
 from gatar_edge import grid
 from gatar_edge.allocators.greedy import greedy_pairs
+from gatar_edge.explore import frontiers
+from gatar_edge.features import PLACE_FEATURES, features
 from gatar_edge.learn import kernels
+from gatar_edge.learn.plans import hidden_density
 from gatar_edge.sim_sitl.world import Team, observe, random_obstacles, random_world
 from gatar_edge.types import CellState, GridSpec, RobotKind, RobotState
-from gatar_edge.view import hop_counts
+from gatar_edge.view import build_view, distances_of, hop_counts
 
 
 def maps(count):
@@ -105,3 +108,42 @@ def test_packing_loses_nothing_and_takes_three_bits_a_cell():
         kernels.unpack(packed, back)
         np.testing.assert_array_equal(back, belief)
     assert beliefs.nothing_known(GridSpec()).size * 3 / 8 <= 85
+
+
+def dim_views(count):
+    """Half-known worlds with one to four robots in them."""
+    for obstacles, _, rng in maps(count):
+        belief = np.where(obstacles, CellState.OBSTACLE, CellState.FREE).astype(np.uint8)
+        belief[rng.random(belief.shape) < rng.random()] = CellState.UNKNOWN
+        belief[rng.random(belief.shape) < 0.05] = rng.choice([CellState.TARGET, CellState.LOCALIZED])
+        cells = np.argwhere(belief >= 0)[rng.permutation(belief.size)[: rng.integers(1, 5)]]
+        robots = [
+            RobotState(n + 1, RobotKind(int(rng.integers(2))), (int(x), int(y)), 1.0) for n, (x, y) in enumerate(cells)
+        ]
+        yield build_view(0, robots[0], robots[1:], belief, 6.0, 2, 64), rng
+
+
+def test_the_compiled_frontiers_are_those_of_the_robot():
+    some = 0
+    for view, rng in dim_views(200):
+        most = int(rng.choice([1, 3, 24]))
+        cells, dark = np.zeros((most, 2), dtype=np.int64), np.zeros(most, dtype=np.int64)
+        distances = distances_of(view.robots, view.belief)
+        count = kernels.list_frontiers(view.belief, distances, most, cells, dark)
+        wanted, unknown = frontiers(view.belief, distances, most)
+        np.testing.assert_array_equal(cells[:count], wanted)
+        np.testing.assert_array_equal(dark[:count], unknown)
+        some += count == most
+    assert some > 50
+
+
+def test_the_teacher_expects_as_many_hidden_targets_as_the_network_is_told():
+    judged = 0
+    for view, _ in dim_views(60):
+        places = features(view, with_frontiers=True)["places"]
+        frontier = places[:, PLACE_FEATURES.index("frontier")] > 0
+        dark = frontiers(view.belief, view.distances)[1]
+        hidden = places[frontier, PLACE_FEATURES.index("hidden")]
+        np.testing.assert_allclose(hidden, dark[: len(hidden)] * hidden_density(view.belief), rtol=1e-6)
+        judged += len(hidden)
+    assert judged > 100

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from learning import TINY_OF
+from learning import TINY_AHEAD, TINY_OF
 
 from gatar_edge.allocators.gatar import decode
 from gatar_edge.export.spec import SingleView
@@ -15,10 +15,21 @@ from gatar_edge.learn.networks.paper_shape import PaperShaped, XyOutputs
 SMALL = {"width": 16, "heads": 2}
 
 
-@pytest.fixture(params=sorted(NETWORKS))
+@pytest.fixture(params=[*sorted(NETWORKS), "gatar that looks ahead"])
 def network(request):
     torch.manual_seed(0)
-    return SingleView(build(request.param, TINY_OF[request.param])).eval()
+    if request.param in NETWORKS:
+        return SingleView(build(request.param, TINY_OF[request.param])).eval()
+    return SingleView(build("gatar", TINY_AHEAD)).eval()
+
+
+def looks_ahead(network):
+    return "places" in network.inputs
+
+
+def seen_by(network, view):
+    """The network's input, with frontiers where it asks for them."""
+    return features(view, with_frontiers=looks_ahead(network))
 
 
 def outputs(network, inputs):
@@ -40,7 +51,7 @@ def without_edges_to(inputs, robot):
 def test_a_robot_outside_the_graph_changes_no_bit_of_the_output(network, seed):
     rng = np.random.default_rng(seed)
     robot = 3
-    inputs = without_edges_to(features(random_view(6, 9, seed, 1000.0)), robot)
+    inputs = without_edges_to(seen_by(network, random_view(6, 9, seed, 1000.0)), robot)
     other = {name: array.copy() for name, array in inputs.items()}
     for name in ("maps", "robots", "pairs"):
         row = other[name][robot]
@@ -60,7 +71,7 @@ def test_a_robot_outside_the_graph_changes_no_bit_of_the_output(network, seed):
 def test_a_robot_two_hops_away_does_change_the_output(network):
     changed = 0
     for seed in range(5):
-        inputs = features(random_view(6, 9, seed, 6.0))
+        inputs = seen_by(network, random_view(6, 9, seed, 6.0))
         far = np.flatnonzero(inputs["hops"][0] == 2)
         if not len(far):
             continue
@@ -74,7 +85,7 @@ def test_a_robot_two_hops_away_does_change_the_output(network):
 @pytest.mark.parametrize("seed", range(5))
 def test_another_order_of_neighbours_gives_the_same_assignment(network, seed):
     view = random_view(7, 10, seed, 6.0)
-    arrays = arrays_of(view)
+    arrays = arrays_of(view, looks_ahead(network))
     order = np.array([0, *(np.random.default_rng(seed).permutation(6) + 1)])
     rows = {name: getattr(arrays, name)[order] for name in ("distances", "robots", "kinds", "speeds", "ids", "tasks")}
     shuffled = type(arrays)(
@@ -94,12 +105,12 @@ def test_another_order_of_neighbours_gives_the_same_assignment(network, seed):
 
 @pytest.mark.parametrize("candidates", [0, 1, 12])
 def test_a_robot_alone_gets_finite_numbers(network, candidates):
-    for output in outputs(network, features(random_view(1, candidates, 2, 6.0))):
+    for output in outputs(network, seen_by(network, random_view(1, candidates, 2, 6.0))):
         assert np.isfinite(output).all()
 
 
 def test_what_is_not_valid_is_never_scored(network):
-    inputs = features(random_view(5, 8, 1, 6.0))
+    inputs = seen_by(network, random_view(5, 8, 1, 6.0))
     inputs["valid"][:, 3] = 0
     assert (outputs(network, inputs)[0][:, 3] == 0).all()
 
@@ -112,6 +123,21 @@ def test_each_part_can_be_taken_away(part):
     assert xy.shape == (2,)
     assert attention.shape == (4,)
     assert np.isfinite(scores).all()
+
+
+@pytest.mark.parametrize("part", ["ahead", "tour"])
+def test_what_lies_behind_a_frontier_and_what_lies_near_a_candidate_count(part):
+    """A network with `ahead` alone sees what a place may hide, one with `tour` alone that two candidates are near."""
+    torch.manual_seed(0)
+    network = SingleView(build("gatar", {**SMALL, part: True})).eval()
+    inputs = features(random_view(3, 6, 0, 6.0), with_frontiers=True)
+    name, row = ("places", -1) if part == "ahead" else ("offsets", 0)
+    other = {**inputs, name: inputs[name].copy()}
+    other[name][row] += 3
+    before, after = (outputs(network, given)[0] for given in (inputs, other))
+    assert not np.array_equal(before, after)
+    plain = SingleView(build("gatar", SMALL)).eval()
+    np.testing.assert_array_equal(outputs(plain, inputs)[0], outputs(plain, other)[0])
 
 
 def test_each_channel_can_be_taken_away():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from builders import belief_of, robot, view_of
 
@@ -9,7 +11,7 @@ from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.grid import UNREACHABLE
 from gatar_edge.tasks import Rules, Task, decide
 from gatar_edge.types import RobotKind
-from gatar_edge.view import build_view, hop_counts, travel_times, without
+from gatar_edge.view import FAR_HOPS, build_view, distances_of, hop_counts, travel_times, with_absent, without
 
 OPEN = belief_of("\n".join(["." * 20] * 3))
 
@@ -72,3 +74,32 @@ def test_travel_time_counts_speed_and_is_infinite_where_there_is_no_way() -> Non
 def test_a_view_without_targets_is_a_view() -> None:
     view = view_of(belief_of("..."), robot(1, (0, 0)), [robot(2, (2, 0))])
     assert view.lengths.shape == (2, 0)
+
+
+def test_absent_robots_stand_by_id_among_the_others_with_their_own_ways_and_far_from_everybody() -> None:
+    belief = belief_of("....#..T\n....#...\n....#...\n........")
+    near, gone = [robot(5, (0, 1)), robot(2, (1, 0))], [robot(1, (7, 0), RobotKind.UGV), robot(4, (3, 3))]
+    view = build_view(0, robot(3, (0, 0)), near, belief, 2, 2, 64, (gone[0], replace(gone[1], age_ns=7)))
+    whole = with_absent(view)
+    assert [r.robot_id for r in whole.robots] == [3, 1, 2, 4, 5]
+    assert whole.robots[3].age_ns == 7
+    assert whole.hops[0].tolist() == [0, FAR_HOPS, 1, FAR_HOPS, 1]
+    assert whole.hops[2].tolist() == [1, FAR_HOPS, 0, FAR_HOPS, 1]
+    assert (whole.hops == whole.hops.T).all()
+    np.testing.assert_array_equal(whole.distances, distances_of(whole.robots, belief))
+    assert whole.lengths[:, 0].tolist() == [10, 3, 9, 4, 9]
+    np.testing.assert_array_equal(whole.targets, view.targets)
+
+
+def test_a_neighbour_that_left_the_graph_is_far_from_everybody_too() -> None:
+    chain = [robot(2, (5, 0)), robot(3, (19, 0))]
+    view = with_absent(view_of(OPEN, robot(1, (0, 0)), chain))
+    assert view.hops.tolist() == [[0, 1, FAR_HOPS], [1, 0, FAR_HOPS], [FAR_HOPS, FAR_HOPS, 0]]
+
+
+def test_absent_robots_change_nothing_of_ego_and_its_neighbours() -> None:
+    view = build_view(0, robot(1, (0, 0)), [robot(2, (5, 0))], OPEN, 6, 2, 64, (robot(3, (19, 0)),))
+    whole = with_absent(view)
+    np.testing.assert_array_equal(whole.distances[:2], view.distances)
+    np.testing.assert_array_equal(whole.hops[:2, :2], view.hops)
+    assert whole.robots[:2] == view.robots
