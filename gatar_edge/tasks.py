@@ -2,8 +2,9 @@
 
 The allocator proposes, this decides. The proposal is followed where nobody nearer claims it; the robot explores where
 there is none, and holds where nothing is left to see. A target once taken is kept to its end - until it is reached,
-vanishes, becomes unreachable, or a neighbour with a shorter way claims it - by `Rules.keep` from the first moment on,
-else once `MOST_CHANGES` were given up in a row: plans that flip between equals would never arrive anywhere.
+vanishes, becomes unreachable, or a neighbour with a shorter way claims it - by `Rules.keep` from the first moment on
+(but for an allocator that is steady by itself), else once `MOST_CHANGES` were given up in a row: plans that flip between
+equals would never arrive anywhere.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ def decide(view: View, allocation: Allocation, task: Task, rules: Rules) -> Assi
     held = _index_of(view, task.cell) if task.kind is TaskKind.TARGET else NO_TARGET
     if held != NO_TARGET and view.lengths[0, held] != UNREACHABLE and not taken[held]:
         nearer = index != NO_TARGET and view.lengths[0, index] < view.lengths[0, held]
-        if rules.keep or (task.changes >= MOST_CHANGES and not nearer):
+        if (rules.keep and not allocation.steady) or (task.changes >= MOST_CHANGES and not nearer):
             index = held
     if index != NO_TARGET:
         cell = _cell(view, index)

@@ -23,6 +23,7 @@ class Allocation:
     scores: Floats  # [N, M], higher is better, -inf where impossible
     xy: tuple[float, float] | None = None  # the paper's output for ego, in cells
     attention: tuple[float, ...] = ()  # of ego over the robots of the graph
+    steady: bool = False  # weighs what robots are doing itself: its choice stands even where tasks are kept
     frontier: Cell | None = None  # where ego is to go and look; None leaves it to the rule of `explore`
 
 

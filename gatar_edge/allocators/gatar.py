@@ -26,7 +26,7 @@ from gatar_edge.view import View, with_absent
 
 IMPOSSIBLE = 1e6  # cost of a pair that must not be chosen
 LEAST = 1e-9  # probability below which there is no difference
-HABIT = 0.7  # log of how much more likely another candidate must be to be worth a change
+HABIT = 1.5  # log of how much more likely another candidate must be to be worth a change
 UNWANTED = 1e3  # cost of going without: more than the least likely target
 
 
@@ -61,6 +61,7 @@ class Gatar:
             scores=np.where(possible, scores[:, :-1], -np.inf)[rows, :count].astype(np.float32),
             xy=(x + float(output.xy[0]), y + float(output.xy[1])),
             attention=tuple(float(share) for share in output.attention[rows]),
+            steady=ahead,
             frontier=(int(places[joint[0], 0]), int(places[joint[0], 1])) if joint[0] >= count else None,
         )
 
