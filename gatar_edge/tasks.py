@@ -3,8 +3,8 @@
 The allocator proposes, this decides. The proposal is followed where nobody nearer claims it; the robot explores where
 there is none, and holds where nothing is left to see. A target once taken is kept to its end - until it is reached,
 vanishes, becomes unreachable, or a neighbour with a shorter way claims it - by `Rules.keep` from the first moment on
-(but for an allocator that is steady by itself), else once `MOST_CHANGES` were given up in a row: plans that flip between
-equals would never arrive anywhere.
+(but for an allocator that is steady by itself), else once `MOST_CHANGES` were given up in a row: plans that flip
+between equals would never arrive anywhere.
 """
 
 from __future__ import annotations

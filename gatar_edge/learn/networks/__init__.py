@@ -10,8 +10,9 @@ from torch import nn
 
 from gatar_edge.errors import ConfigError
 from gatar_edge.learn.networks.gat import Gat, GatConfig
-from gatar_edge.learn.networks.gatar import Gatar, GatarConfig
+from gatar_edge.learn.networks.gatar import Gatar
 from gatar_edge.learn.networks.gatar_paper import GatarPaper, GatarPaperConfig
+from gatar_edge.learn.networks.gatar_round import GatarConfig
 from gatar_edge.learn.networks.gnn import Gnn
 from gatar_edge.learn.networks.gnn_vcycle import GnnVcycle, GnnVcycleConfig
 from gatar_edge.learn.networks.magat import Magat
