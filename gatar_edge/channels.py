@@ -119,6 +119,7 @@ class AgentStateRecord(msgspec.Struct, frozen=True):
     task_cell: tuple[int, int]
     task_path: list[tuple[int, int]]
     memory: MemoryRecord | None = None
+    changes: int = 0
 
 
 class VehicleRecord(msgspec.Struct, frozen=True):

@@ -50,6 +50,7 @@ class SavedState(msgspec.Struct, frozen=True, kw_only=True):
     task_cell: tuple[int, int]
     task_path: list[tuple[int, int]]
     vehicle: DriverMemory = NOTHING
+    changes: int = 0  # see `tasks.Task`
 
 
 class LoadOutcome(StrEnum):
@@ -88,6 +89,7 @@ def snapshot(agent: Agent, unix_ns: int, vehicle: DriverMemory = NOTHING) -> Sav
         task_cell=(int(task.cell[0]), int(task.cell[1])),
         task_path=[(int(x), int(y)) for x, y in task.path],
         vehicle=vehicle,
+        changes=task.changes,
     )
 
 
@@ -95,7 +97,7 @@ def restore(agent: Agent, state: SavedState) -> None:
     """Give `agent` the belief and the task of `state`, which `load` has checked."""
     belief = np.frombuffer(state.belief, dtype=np.uint8).reshape(state.width, state.height)
     agent.belief = belief  # read-only, as frombuffer makes it
-    agent.task = Task(TaskKind(state.task_kind), state.task_cell, tuple(state.task_path))
+    agent.task = Task(TaskKind(state.task_kind), state.task_cell, tuple(state.task_path), state.changes)
 
 
 def encode_state(state: SavedState) -> bytes:
@@ -213,6 +215,7 @@ def _plausible(state: SavedState) -> bool:
     return (
         state.task_kind in set(TaskKind)
         and state.next_seq >= 0
+        and state.changes >= 0
         and state.width > 0
         and len(cells) == state.width * state.height
         and int(cells.max(initial=0)) <= CellState.LOCALIZED

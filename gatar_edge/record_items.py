@@ -121,6 +121,7 @@ def agent_state(state: SavedState) -> ch.AgentStateRecord:
         task_kind=TaskKind(state.task_kind),
         task_cell=state.task_cell,
         task_path=state.task_path,
+        changes=state.changes,
     )
 
 
@@ -146,6 +147,7 @@ def saved_state(record: ch.AgentStateRecord, config: AgentConfig) -> SavedState:
         task_kind=record.task_kind.value,
         task_cell=record.task_cell,
         task_path=record.task_path,
+        changes=record.changes,
     )
 
 

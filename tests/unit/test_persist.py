@@ -42,7 +42,7 @@ def saved() -> SavedState:
     belief = np.zeros((12, 7), np.uint8)
     belief[11, 0] = 3
     robot.belief = belief
-    robot.task = Task(TaskKind.TARGET, (11, 0), ((10, 0), (11, 0)))
+    robot.task = Task(TaskKind.TARGET, (11, 0), ((10, 0), (11, 0)), 2)
     return snapshot(robot, NOON)
 
 
@@ -62,7 +62,7 @@ def test_a_restarted_robot_has_its_belief_and_task_and_a_higher_sequence(tmp_pat
     restore(robot, restored.state)
     assert robot.belief.shape == (12, 7)
     assert robot.belief[11, 0] == 3
-    assert robot.task == Task(TaskKind.TARGET, (11, 0), ((10, 0), (11, 0)))
+    assert robot.task == Task(TaskKind.TARGET, (11, 0), ((10, 0), (11, 0)), 2)
     assert restored.last_seq > 500 + 1000
 
 
@@ -85,6 +85,7 @@ def test_knowledge_of_another_robot_mission_or_day_is_not_used(tmp_path: Path) -
         {"belief": b"\x09" * 84},
         {"task_path": [(12, 0)]},
         {"next_seq": -1},
+        {"changes": -1},
     ],
 )
 def test_a_state_that_makes_no_sense_counts_as_damaged(tmp_path: Path, change: dict[str, object]) -> None:

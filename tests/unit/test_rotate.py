@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 from builders import observation
 from mcap.reader import make_reader
 
 from gatar_edge.agent import Agent, Identity
+from gatar_edge.allocators.base import Allocation
 from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.config import AgentConfig
 from gatar_edge.errors import ConfigError, LogError
@@ -21,9 +23,10 @@ from gatar_edge.review.reader import LogReader
 from gatar_edge.review.replay import Replay
 from gatar_edge.rotate import Ring, RotatingLog, make_room
 from gatar_edge.runinfo import describe_run
-from gatar_edge.tasks import to_command
+from gatar_edge.tasks import MOST_CHANGES, to_command
 from gatar_edge.types import NS_PER_S, GridSpec, RobotKind
 from gatar_edge.vehicle_config import parse_config
+from gatar_edge.view import View
 
 INFO = describe_run(AgentConfig(), [Identity(1, RobotKind.UAV, 1.0)], "greedy")
 
@@ -149,6 +152,45 @@ def test_a_later_file_replays_without_those_before_it(tmp_path: Path) -> None:
     replayed = [Replay(lambda _: Greedy()).run(LogReader(file)) for file in files]
     assert [part.differences for part in replayed] == [[], []]
     assert all(part.decisions >= 4 and part.same for part in replayed)
+
+
+class Flighty(Greedy):
+    """Weighs by itself what robots are doing, and wants the one of two targets now and the other then."""
+
+    def allocate(self, view: View) -> Allocation:
+        best = int(view.now_ns // NS_PER_S % 2) if len(view.targets) == 2 else 0
+        choices = np.array([best], dtype=np.int32)
+        return Allocation(choices, np.zeros(view.lengths.shape, dtype=np.float32), steady=True)
+
+
+def test_a_later_file_knows_how_often_the_robot_has_changed_its_mind(tmp_path: Path) -> None:
+    config = AgentConfig(grid=GridSpec(width=12, height=12))
+    robot = Identity(1, RobotKind.UAV, 1.0)
+    me = Agent(robot, config, Flighty(), DEMO_KEY)
+    info = describe_run(config, [robot], "greedy")
+
+    def open_file(now_ns: int) -> Recorder:
+        return Recorder(tmp_path / f"{now_ns // NS_PER_S:04d}.mcap", info, now_ns)
+
+    log = RotatingLog(open_file, Ring(5 * NS_PER_S), 0)
+    log.carry = lambda: carried_state(me)
+    goals = []
+    for second in range(10):
+        now = second * NS_PER_S
+        seen = observation((5, 5), targets=[(2, 5), (8, 5)], t_ns=now)  # both equally near
+        me.observe(seen)
+        log.observation(seen)
+        decision = me.decide(now)
+        goals.append(decision.assignment.cell)
+        log.decision(decision, command := to_command(RobotKind.UAV, decision.assignment), command, now)
+        log.sent(1, me.beacon(now), now)
+        log.poll(now)
+    log.close()
+    assert me.task.changes >= MOST_CHANGES
+    assert len(set(goals[:4])) == 2
+    assert len(set(goals[4:])) == 1
+    replayed = [Replay(lambda _: Flighty()).run(LogReader(file)) for file in sorted(tmp_path.iterdir())]
+    assert [part.differences for part in replayed] == [[], []]
 
 
 def test_the_ring_must_hold_two_files() -> None:
