@@ -90,7 +90,7 @@ def proposed(view: View, allocation: Allocation, taken: npt.NDArray[np.bool_]) -
     if choice == NO_TARGET or (not taken[choice] and view.lengths[0, choice] != UNREACHABLE):
         return choice
     open_to_ego = ~taken & (view.lengths[0] != UNREACHABLE)
-    others = allocation.choices[1:]
+    others = np.array([*allocation.choices[1:], *allocation.kept_for_absent], dtype=np.int64)
     open_to_ego[others[others != NO_TARGET]] = False
     if not open_to_ego.any():
         return NO_TARGET

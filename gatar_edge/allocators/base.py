@@ -8,7 +8,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from gatar_edge.types import Cell, Floats
+from gatar_edge.types import Cell, Floats, RobotState
 from gatar_edge.view import View
 
 NO_TARGET = -1
@@ -25,6 +25,8 @@ class Allocation:
     attention: tuple[float, ...] = ()  # of ego over the robots of the graph
     steady: bool = False  # weighs what robots are doing itself: its choice stands even where tasks are kept
     frontier: Cell | None = None  # where ego is to go and look; None leaves it to the rule of `explore`
+    absent: tuple[RobotState, ...] = ()  # robots out of range that it reckoned with
+    kept_for_absent: tuple[int, ...] = ()  # like `choices`, of the robots in `absent`
 
 
 class Allocator(Protocol):

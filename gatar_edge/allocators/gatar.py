@@ -54,15 +54,18 @@ class Gatar:
         count = len(view.targets)
         row_of = {robot.robot_id: row for row, robot in enumerate(whole.robots)}
         rows = [row_of[robot.robot_id] for robot in view.robots]
-        choices = np.where(joint[rows] < count, joint[rows], NO_TARGET).astype(np.int32)
+        absent = view.absent if ahead else ()
+        targets = np.where(joint < count, joint, NO_TARGET).astype(np.int32)
         x, y = view.robots[0].cell
         return Allocation(
-            choices=choices,
+            choices=targets[rows],
             scores=np.where(possible, scores[:, :-1], -np.inf)[rows, :count].astype(np.float32),
             xy=(x + float(output.xy[0]), y + float(output.xy[1])),
             attention=tuple(float(share) for share in output.attention[rows]),
             steady=ahead,
             frontier=(int(places[joint[0], 0]), int(places[joint[0], 1])) if joint[0] >= count else None,
+            absent=absent,
+            kept_for_absent=tuple(int(targets[row_of[robot.robot_id]]) for robot in absent),
         )
 
 

@@ -52,8 +52,12 @@ class RoutingWithMemory(Routing):
         whole = with_absent(view)
         joint = super().allocate(whole).choices
         rows = {robot.robot_id: row for row, robot in enumerate(whole.robots)}
-        choices = joint[[rows[robot.robot_id] for robot in view.robots]]
-        return Allocation(choices, scores_of(travel_times(view)))
+        return Allocation(
+            choices=joint[[rows[robot.robot_id] for robot in view.robots]],
+            scores=scores_of(travel_times(view)),
+            absent=view.absent,
+            kept_for_absent=tuple(int(joint[rows[robot.robot_id]]) for robot in view.absent),
+        )
 
 
 def problem_of(view: View) -> Problem:

@@ -9,6 +9,7 @@ from learning import ahead_model
 
 from gatar_edge.agent import Agent, Identity, Inbox
 from gatar_edge.allocators.gatar import HABIT, Gatar, decode, in_hand
+from gatar_edge.allocators.routing import RoutingWithMemory
 from gatar_edge.config import AgentConfig
 from gatar_edge.explore import frontiers
 from gatar_edge.keys import DEMO_KEY
@@ -79,6 +80,17 @@ def test_robots_out_of_range_get_no_choice_but_count(gatar: Gatar) -> None:
     assert len(two.choices) == len(two.attention) == 1
     assert two.scores.shape == (1, 1)
     assert one.scores != two.scores
+
+
+@pytest.mark.parametrize("name", ["gatar", "routing+memory"])
+def test_what_is_kept_for_a_robot_out_of_range_is_told(gatar: Gatar, name: str) -> None:
+    belief = belief_of("................\n" * 7 + "T..............T")
+    gone = robot(2, (15, 1), target=(15, 0))
+    view = build_view(0, robot(3, (1, 0), target=(0, 0)), (), belief, 6, 2, 64, (gone,))
+    allocation = gatar.allocate(view) if name == "gatar" else RoutingWithMemory().allocate(view)
+    assert allocation.absent == (gone,)
+    assert len(allocation.choices) == 1
+    assert sorted((int(allocation.choices[0]), *allocation.kept_for_absent)) == [0, 1]
 
 
 def test_a_place_to_look_becomes_the_robots_task_and_its_message_tells_it(gatar: Gatar) -> None:

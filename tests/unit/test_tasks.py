@@ -99,6 +99,16 @@ def test_a_contested_proposal_gives_way_to_the_next_best_target_that_nobody_gets
     assert assignment.cell == (0, 0)
 
 
+def test_a_contested_proposal_does_not_give_way_to_a_target_that_a_robot_out_of_range_gets() -> None:
+    view = view_of(belief_of("T..T...T"), robot(1, (5, 0)), [robot(2, (6, 0), target=(7, 0))])
+    choices, scores = np.array([2, NO_TARGET], dtype=np.int32), np.array([[1, 2, 3]] * 2, dtype=np.float32)
+    gone = (robot(3, (20, 0), target=(3, 0)), robot(4, (30, 0)))
+    alone = Allocation(choices, scores)
+    reckoning = Allocation(choices, scores, absent=gone, kept_for_absent=(1, NO_TARGET))
+    assert decide(view, alone, Task(), FOLLOW).cell == (3, 0)
+    assert decide(view, reckoning, Task(), FOLLOW).cell == (0, 0)
+
+
 def test_without_a_target_the_robot_explores_the_nearest_unknown_cell() -> None:
     assert decided(view_of(belief_of("..??"), robot(1, (0, 0)))) == (TaskKind.EXPLORE, (2, 0), Reason.FRONTIER)
 
