@@ -208,6 +208,10 @@ class Agent:
             choices=tuple(allocation.choices.tolist()),
             attention=allocation.attention,
             shunned=tuple(sorted(self.shunned)),
+            steady=allocation.steady,
+            frontier=allocation.frontier,
+            absent=allocation.absent,
+            kept_for_absent=allocation.kept_for_absent,
         )
 
     def view(self, now_ns: int, observation: Observation) -> View:

@@ -151,6 +151,10 @@ class Decision:
     choices: tuple[int, ...]  # index of the candidate the joint solution gives to each robot, -1 for none
     attention: tuple[float, ...] = ()  # over the robots of the graph, where the allocator has it
     shunned: tuple[Cell, ...] = ()  # cells that the vehicle could not reach lately, taken as unreachable for ego
+    steady: bool = False  # the allocator weighs what robots are doing itself: tasks are not kept against its choice
+    frontier: Cell | None = None  # where the allocator would have ego look; None where that is left to a rule
+    absent: tuple[RobotState, ...] = ()  # robots out of range that were reckoned with, where they are expected
+    kept_for_absent: tuple[int, ...] = ()  # like `choices`, of the robots in `absent`
     latency_ns: int = 0  # measured by the caller; not part of the decision's digest
 
 

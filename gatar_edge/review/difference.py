@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from gatar_edge.review.explain import Json
+from gatar_edge.review.company import Json
 
 MAX_FIELDS = 50  # of one difference
 
@@ -16,6 +16,11 @@ def goal_differences(then: Json, now: Json) -> list[Json]:
     return [
         d for key in keys for d in differences(then["assignment"][key], now["assignment"][key], f"assignment.{key}")
     ]
+
+
+def comparable(then: Json, now: Json) -> Json:
+    """What is now, without what an older program did not record."""
+    return {key: value for key, value in now.items() if key in then}
 
 
 def differences(then: Any, now: Any, path: str) -> Iterator[Json]:

@@ -8,14 +8,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from gatar_edge.types import NS_PER_S, RobotKind, TaskKind
+from gatar_edge.review.company import Json, absent_line, absent_of, cell_text, neighbor_line, neighbors_of
+from gatar_edge.types import RobotKind, TaskKind
 
-Json = dict[str, Any]
 NOBODY = -1
 
 _REASONS = {
     "allocated": "The {allocator} allocator gave it this target now.",
     "kept": "It keeps its task: the target is still open, reachable, and claimed by nobody who is nearer.",
+    "abandoned": "It has nothing else to do, and nobody that it hears is on the way to this target.",
     "frontier": "No open target is left for it, so it goes to see the nearest unknown cell that nobody else covers.",
     "nothing_left": "No target and nothing reachable to look at is left, so it stays where it is.",
     "no_vehicle": "Its vehicle cannot be commanded: link or position lost, or the pilot has taken over.",
@@ -38,7 +39,8 @@ def explain(decision: Json, previous: Json | None, record: Json | None = None) -
         "allocator": decision["allocator"],
         "fallback": decision["fallback"],
         "retask": decision["retask"],
-        "neighbors": _neighbors(decision),
+        "neighbors": neighbors_of(decision),
+        "absent": absent_of(decision),
         "candidates": candidates,
         "wanted": (record or {}).get("wanted"),
         "sent": (record or {}).get("sent"),
@@ -54,6 +56,9 @@ def words(explanation: Json) -> list[str]:
     neighbors = explanation["neighbors"]
     lines.append(f"It heard {_count(len(neighbors), 'robot')}:" if neighbors else "It heard nobody.")
     lines.extend(f"  {neighbor_line(neighbor)}" for neighbor in neighbors)
+    if explanation["absent"]:
+        lines.append(f"It reckoned with {_count(len(explanation['absent']), 'robot')} out of range:")
+        lines.extend(f"  {absent_line(robot)}" for robot in explanation["absent"])
     candidates = explanation["candidates"]
     if candidates:
         lines.append(f"It knew {_count(len(candidates), 'open target')}, nearest first:")
@@ -97,49 +102,12 @@ def why(decision: Json, previous: Json | None, candidates: list[Json]) -> list[s
     return lines
 
 
-def neighbor_line(neighbor: Json) -> str:
-    """One neighbour in words."""
-    task = {
-        TaskKind.TARGET: f"going for {cell_text(neighbor['task_cell'])}",
-        TaskKind.EXPLORE: f"exploring towards {cell_text(neighbor['task_cell'])}",
-        TaskKind.HOLD: "holding",
-    }[TaskKind(neighbor["task"])]
-    hops = (
-        "in range" if neighbor["hops"] == 1 else f"{neighbor['hops']} hops away" if neighbor["hops"] > 1 else "far away"
-    )
-    attention = f", attention {neighbor['attention']:.0%}" if neighbor["attention"] is not None else ""
-    return (
-        f"{neighbor['name']} at {cell_text(neighbor['cell'])}, {hops}, {neighbor['age_s']:.1f} s old, {task}{attention}"
-    )
-
-
-def cell_text(cell: list[int] | tuple[int, int]) -> str:
-    """A cell as text."""
-    return f"({cell[0]}, {cell[1]})"
-
-
-def _neighbors(decision: Json) -> list[Json]:
-    attention = decision["attention"]
-    return [
-        {
-            "robot_id": robot["robot_id"],
-            "name": f"{RobotKind(robot['kind']).name} {robot['robot_id']}",
-            "cell": robot["cell"],
-            "hops": decision["hops"][row],
-            "age_s": robot["age_ns"] / NS_PER_S,
-            "task": robot["task"],
-            "task_cell": robot["task_cell"],
-            "attention": attention[row] if row < len(attention) else None,
-        }
-        for row, robot in enumerate(decision["robots"])
-        if row > 0
-    ]
-
-
 def _candidates(decision: Json) -> list[Json]:
     """Known open targets, nearest first, with who gets each in the joint solution and who claims it already."""
     robots = decision["robots"]
-    given = {choice: robots[row]["robot_id"] for row, choice in enumerate(decision["choices"]) if choice >= 0}
+    planned = [*robots, *decision.get("absent", ())]
+    choices = [*decision["choices"], *decision.get("kept_for_absent", ())]
+    given = {choice: planned[row]["robot_id"] for row, choice in enumerate(choices) if choice >= 0}
     claims: dict[tuple[int, ...], int] = {}
     for robot in robots[1:]:
         if robot["task"] == TaskKind.TARGET:
@@ -198,18 +166,39 @@ def _given_up(decision: Json, cell: Any) -> str:
 
 def _reason(decision: Json, candidates: list[Json]) -> str:
     reason = decision["assignment"]["reason"]
+    if reason == "kept" and decision.get("steady"):
+        return _kept_by_steady(decision, candidates)
     if reason == "frontier":
         free = sum(c["length"] >= 0 and c["given_to"] == c["claimed_by"] == NOBODY for c in candidates)
+        if _looks_where_told(decision):
+            rather = f", rather than for {_count(free, 'open target')} that nobody claims" if free else ""
+            return f"The {decision['allocator']} allocator chose this place for it to go and look{rather}."
         if free:
             none = f"The {decision['allocator']} allocator gave it none of {_count(free, 'open target')}"
             return f"{none} that nobody claims, so it goes to see the nearest unknown cell that nobody else covers."
     return str(_REASONS.get(reason, reason)).format(allocator=decision["allocator"])
 
 
+def _kept_by_steady(decision: Json, candidates: list[Json]) -> str:
+    """An allocator that is steady chooses anew at every step, and mostly the same."""
+    chosen = _chosen(decision, candidates)
+    if chosen is not None and chosen["given_to"] == decision["robot_id"]:
+        return f"The {decision['allocator']} allocator chooses anew at every step, and chose the same target again."
+    stays = "It stays with its target though the allocator now chose otherwise"
+    return f"{stays}: what it chose is taken, or the robot has changed its mind too often to do so again."
+
+
+def _looks_where_told(decision: Json) -> bool:
+    told = decision.get("frontier")
+    return told is not None and list(told) == list(decision["assignment"]["cell"])
+
+
 def _taken_offer(decision: Json, candidates: list[Json]) -> list[str]:
     """The joint solution's own offer to this robot, where somebody else was on the way there already."""
     offer = next((c for c in candidates if c["given_to"] == decision["robot_id"]), None)
-    if offer is None or offer["chosen"] or offer["claimed_by"] == NOBODY or decision["assignment"]["reason"] == "kept":
+    if offer is None or offer["chosen"] or offer["claimed_by"] == NOBODY:
+        return []
+    if decision["assignment"]["reason"] == "kept" and not decision.get("steady"):
         return []
     robot = f"robot {offer['claimed_by']}"
     return [f"The joint solution offers it {cell_text(offer['cell'])}, but {robot} is already on its way there."]
@@ -230,6 +219,10 @@ def _why_not(nearest: Json, decision: Json) -> str:
         return f"{where}: robot {nearest['claimed_by']} is already on its way there."
     if nearest["given_to"] not in (NOBODY, decision["robot_id"]):
         return f"{where}: the joint solution gives it to robot {nearest['given_to']}."
+    if decision["assignment"]["reason"] == "frontier" and _looks_where_told(decision):
+        return f"{where}: the allocator, which scores it {_score(nearest)}, weighs targets and places to look together."
+    if decision["assignment"]["reason"] == "kept" and decision.get("steady"):
+        return f"{where} and score {_score(nearest)}: what a robot is on its way to counts for more."
     if decision["assignment"]["reason"] == "kept":
         return f"{where}: a task is not reconsidered before it ends."
     return f"{where}: the allocator scores it lower ({_score(nearest)})."

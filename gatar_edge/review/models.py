@@ -8,7 +8,7 @@ from pathlib import Path
 from gatar_edge.allocators.base import Allocator
 from gatar_edge.allocators.registry import make
 from gatar_edge.errors import LogError
-from gatar_edge.review.explain import Json
+from gatar_edge.review.company import Json
 from gatar_edge.runinfo import LEARNED, model_file, sha256_of
 
 

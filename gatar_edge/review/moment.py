@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from gatar_edge import channels as ch
 from gatar_edge.errors import LogError
-from gatar_edge.review.explain import Json, explain
+from gatar_edge.review.company import Json
+from gatar_edge.review.explain import explain
 from gatar_edge.review.info import read_figures
 from gatar_edge.review.reader import Entry, LogReader, json_object
 from gatar_edge.review.story import mission_start_ns

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gatar_edge.review.explain import Json
+from gatar_edge.review.company import Json
 from gatar_edge.review.info import Figures
 from gatar_edge.types import ByteGrid, CellState
 

@@ -24,8 +24,8 @@ from gatar_edge.keys import DEMO_KEY
 from gatar_edge.message import MAC_BYTES, with_hops
 from gatar_edge.persist import restore
 from gatar_edge.record_items import EFFECTIVE, memory_of, observation_of, saved_state
-from gatar_edge.review.difference import described, difference, differences, goal_differences
-from gatar_edge.review.explain import Json
+from gatar_edge.review.company import Json
+from gatar_edge.review.difference import comparable, described, difference, differences, goal_differences
 from gatar_edge.review.ghosts import Ghost, Prompted, PromptedNegotiator
 from gatar_edge.review.reader import Entry, LogReader, decoder, json_object
 from gatar_edge.talk import signed_anew
@@ -226,7 +226,7 @@ class Replay:
         decision = replace(agent.decide(then["t_ns"]), latency_ns=then["latency_ns"])
         now = msgspec.json.decode(msgspec.json.encode(decision))
         self.result.decisions += 1
-        found = goal_differences(then, now) if self._otherwise else differences(then, now, "")
+        found = goal_differences(then, now) if self._otherwise else differences(then, comparable(then, now), "")
         fields = [d for d in found if _INDEX.sub("[]", d["field"]) not in self._ignore]
         self.result.equal += not fields
         if fields:

@@ -12,7 +12,8 @@ import numpy as np
 
 from gatar_edge import channels as ch
 from gatar_edge import foxglove
-from gatar_edge.review.explain import Json, explain
+from gatar_edge.review.company import Json
+from gatar_edge.review.explain import explain
 from gatar_edge.review.info import Figures, RadioBriefs, read_figures
 from gatar_edge.review.page_data import BUCKETS, NS_PER_MS, RobotStory, Story, corners, page_data, rounded
 from gatar_edge.review.reader import Entry, LogReader, decoder, json_object

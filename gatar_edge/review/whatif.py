@@ -18,7 +18,7 @@ from gatar_edge import foxglove
 from gatar_edge.agent import Agent
 from gatar_edge.allocators.base import Allocator
 from gatar_edge.errors import ConfigError, LogError
-from gatar_edge.review.explain import Json
+from gatar_edge.review.company import Json
 from gatar_edge.review.info import read_figures
 from gatar_edge.review.lockstep import Lockstep
 from gatar_edge.review.reader import LogReader, decoder

@@ -5,7 +5,9 @@ from __future__ import annotations
 import csv
 import json
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
 from builders import observation
 from click.testing import CliRunner, Result
@@ -22,6 +24,7 @@ from gatar_edge.errors import GatarError, LogError
 from gatar_edge.keys import DEMO_KEY
 from gatar_edge.persist import snapshot
 from gatar_edge.record import Recorder
+from gatar_edge.review.difference import comparable, differences
 from gatar_edge.review.explain import explain, words
 from gatar_edge.review.export import export_csv, export_tlog
 from gatar_edge.review.merge import merge
@@ -31,7 +34,17 @@ from gatar_edge.review.replay import Replay
 from gatar_edge.review.story import read_story
 from gatar_edge.runinfo import describe_run
 from gatar_edge.tasks import to_command
-from gatar_edge.types import NS_PER_S, GridSpec, RobotKind
+from gatar_edge.types import (
+    NS_PER_S,
+    Assignment,
+    Candidate,
+    Decision,
+    GridSpec,
+    Reason,
+    RobotKind,
+    RobotState,
+    TaskKind,
+)
 
 MS = 1_000_000
 
@@ -83,6 +96,63 @@ def test_a_kept_task_is_explained_with_the_moment_it_was_taken(mission: Path) ->
     explanation = explain_at(LogReader(mission), kept["robot_id"], kept["t_ns"] / NS_PER_S)
     assert explanation["since"]["t_s"] < explanation["t_s"]
     assert explanation["since"]["assignment"]["cell"] == kept["assignment"]["cell"]
+
+
+ROBOT = RobotState(1, RobotKind.UAV, (4, 4), 1.0, TaskKind.TARGET, (7, 4))
+CANDIDATES = (Candidate((5, 4), 1, 0.2), Candidate((7, 4), 3, 0.5))
+
+
+def decided_on(assignment: Assignment, choice: int, **fields: Any) -> list[str]:
+    """How a decision by an allocator that weighs by itself what robots are doing is explained, as the log tells it."""
+    decision = Decision(
+        1, 9, 0, (4, 4), assignment, "gatar", "", False, (ROBOT,), (0,), CANDIDATES, (choice,), steady=True, **fields
+    )
+    return words(explain(json_object(msgspec.json.encode(decision)), None))
+
+
+def test_robots_out_of_range_are_told_with_their_place_their_silence_and_what_is_kept_for_them() -> None:
+    gone = RobotState(7, RobotKind.UGV, (14, 2), 1.0, TaskKind.TARGET, (5, 4), 6_500_000_000)
+    lines = decided_on(
+        Assignment(TaskKind.TARGET, (7, 4), Reason.ALLOCATED, ((4, 4), (5, 4), (6, 4), (7, 4))),
+        1,
+        absent=(gone,),
+        kept_for_absent=(0,),
+    )
+    at = lines.index("It reckoned with 1 robot out of range:")
+    assert lines[at + 1].startswith("  UGV 7, silent for 6.5 s, expected at (14, 2)")
+    assert lines[at + 1].endswith("the joint solution gives it (5, 4)")
+    assert "  Not the nearest, (5, 4) at 1 cell: the joint solution gives it to robot 7." in lines
+
+
+@pytest.mark.parametrize(
+    ("choice", "said"), [(1, "chose the same target again"), (0, "though the allocator now chose")]
+)
+def test_a_target_kept_is_one_chosen_again_where_the_allocator_is_steady(choice: int, said: str) -> None:
+    text = "\n".join(decided_on(Assignment(TaskKind.TARGET, (7, 4), Reason.KEPT, ((4, 4), (7, 4))), choice))
+    assert said in text
+    assert "not reconsidered" not in text
+
+
+def test_a_place_to_look_is_told_as_the_allocators_or_as_the_rules() -> None:
+    going = Assignment(TaskKind.EXPLORE, (9, 9), Reason.FRONTIER, ((4, 4), (9, 9)))
+    by_model, by_rule = ("\n".join(decided_on(going, -1, frontier=cell)) for cell in ((9, 9), None))
+    assert "allocator chose this place for it to go and look" in by_model
+    assert "nearest unknown cell" not in by_model
+    assert "nearest unknown cell" in by_rule
+
+
+def test_a_target_that_nobody_claims_is_told_as_such() -> None:
+    lines = decided_on(Assignment(TaskKind.TARGET, (5, 4), Reason.ABANDONED, ((4, 4), (5, 4))), -1)
+    assert "  It has nothing else to do, and nobody that it hears is on the way to this target." in lines
+
+
+def test_a_log_of_an_older_program_is_explained_and_replayed_without_what_it_does_not_tell(mission: Path) -> None:
+    new = ("steady", "frontier", "absent", "kept_for_absent")
+    decision, previous = changed_decision(mission)
+    old = {key: value for key, value in decision.items() if key not in new}
+    assert words(explain(old, previous)) == words(explain(decision, previous))
+    assert list(differences(old, comparable(old, decision), "")) == []
+    assert msgspec.convert(old, Decision).absent == ()
 
 
 def test_a_robot_that_is_not_there_is_answered_with_those_that_are(mission: Path) -> None:
