@@ -177,8 +177,12 @@ class Watch:
                 orphan.neglected += any(self._idle_for(cell, decision) for decision in self._fleet.decisions)
 
     def _counted_on(self, robot_id: int) -> bool:
-        """Whether a living robot still plans with this one."""
-        return any(robot.robot_id == robot_id for decision in self._fleet.decisions for robot in decision.robots)
+        """Whether a living robot still plans with this one, be it as one that is out of range."""
+        return any(
+            robot.robot_id == robot_id
+            for decision in self._fleet.decisions
+            for robot in (*decision.robots, *decision.absent)
+        )
 
     def _planned(self, cell: Cell) -> bool:
         """Whether the joint solution of a living robot gives the target to a living robot."""

@@ -78,7 +78,9 @@ def test_a_target_that_idle_robots_leave_alone_counts_as_neglected() -> None:
     assert watch._orphans[cell].neglected == 5
 
 
-def deciding(robots: tuple[int, ...], choices: tuple[int, ...], cell: tuple[int, int]) -> SimpleNamespace:
+def deciding(
+    robots: tuple[int, ...], choices: tuple[int, ...], cell: tuple[int, int], absent: tuple[int, ...] = ()
+) -> SimpleNamespace:
     """A decision of robot 1, which knows one target and has none."""
     return SimpleNamespace(
         robot_id=1,
@@ -86,6 +88,7 @@ def deciding(robots: tuple[int, ...], choices: tuple[int, ...], cell: tuple[int,
         candidates=[SimpleNamespace(cell=cell, length=2)],
         robots=[SimpleNamespace(robot_id=robot_id) for robot_id in robots],
         choices=choices,
+        absent=[SimpleNamespace(robot_id=robot_id) for robot_id in absent],
     )
 
 
@@ -104,6 +107,16 @@ def test_a_dead_robots_target_is_replanned_once_nobody_counts_on_it_and_planned_
         fleet.decisions = (plan,)  # type: ignore[assignment]
         watch.look()
     assert (watch.seen.replanned_ticks, watch.seen.planned_ticks, watch.seen.taken_ticks) == ([2], [4], [])
+
+
+def test_a_dead_robot_that_is_believed_out_of_range_is_still_counted_on() -> None:
+    fleet, watch = watched()
+    cell = (3, 4)
+    watch._orphans[cell] = Orphan(robot_id=3, expired=0)
+    for fleet.ticks, absent in enumerate(((3,), (3,), ()), start=1):
+        fleet.decisions = (deciding((1, 2), (-1, -1), cell, absent),)  # type: ignore[assignment]
+        watch.look()
+    assert watch.seen.replanned_ticks == [3]
 
 
 def test_the_figures_are_printed_for_machines() -> None:
