@@ -30,7 +30,7 @@ from gatar_edge.review.ghosts import Ghost, Prompted, PromptedNegotiator
 from gatar_edge.review.reader import Entry, LogReader, decoder, json_object
 from gatar_edge.talk import signed_anew
 from gatar_edge.tasks import Task
-from gatar_edge.types import Reason, RobotKind, TaskKind
+from gatar_edge.types import Assignment, Reason, RobotKind, TaskKind
 
 _INDEX = re.compile(r"\[\d+\]")
 MAX_LISTED = 50
@@ -223,6 +223,7 @@ class Replay:
         agent.has_vehicle = then["assignment"]["reason"] != Reason.NO_VEHICLE.value
         agent.shunned = frozenset((x, y) for x, y in then.get("shunned", ()))
         agent.shadow = record["sent"] == {"type": "hold", "reason": "dry run"}
+        task = agent.task
         decision = replace(agent.decide(then["t_ns"]), latency_ns=then["latency_ns"])
         now = msgspec.json.decode(msgspec.json.encode(decision))
         self.result.decisions += 1
@@ -232,7 +233,7 @@ class Replay:
         if fields:
             self.result.differ(described(entry.robot_id, then, now, fields))
         if self._otherwise:
-            agent.task = _task(then["assignment"])
+            agent.task = _next_task(task, then)
 
 
 _FEEDS: dict[str, Callable[[Replay, Entry], None]] = {
@@ -244,11 +245,12 @@ _FEEDS: dict[str, Callable[[Replay, Entry], None]] = {
 }
 
 
-def _task(assignment: Json) -> Task:
+def _next_task(task: Task, decision: Json) -> Task:
+    """What the robot was doing after the recorded decision, and `task` before it."""
+    assignment = decision["assignment"]
     if assignment["kind"] == TaskKind.HOLD and assignment["reason"] in _STOPPED:
         return Task()
-    x, y = assignment["cell"]
-    return Task(TaskKind(assignment["kind"]), (x, y), tuple((x, y) for x, y in assignment["path"]))
+    return task.followed_by(msgspec.convert(assignment, Assignment), given_up=decision["retask"])
 
 
 _STOPPED = frozenset((Reason.NO_PERCEPTION.value, Reason.NO_VEHICLE.value))
