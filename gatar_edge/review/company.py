@@ -57,7 +57,7 @@ def absent_line(robot: Json) -> str:
     """One robot out of range in words."""
     gets = "" if robot["given"] is None else f"; the joint solution gives it {cell_text(robot['given'])}"
     expected = f"expected at {cell_text(robot['cell'])}"
-    return f"{robot['name']}, silent for {robot['age_s']:.1f} s, {expected}, then {_task_text(robot)}{gets}"
+    return f"{robot['name']}, silent for {robot['age_s']:.1f} s, {expected}, last heard {_task_text(robot)}{gets}"
 
 
 def _task_text(robot: Json) -> str:

@@ -69,6 +69,19 @@ def test_a_mission_flown_now_replays_bit_for_bit(name: str, tmp_path: Path) -> N
     assert result.heard == result.heard_equal > 0
 
 
+def test_a_mission_with_robots_out_of_range_tells_them_and_replays(tmp_path: Path) -> None:
+    record_mission(tmp_path / "a.mcap", make("gatar"), size=24, targets=16, steps=40)
+    decisions = [
+        json_object(entry.data)["decision"]
+        for entry in LogReader(tmp_path / "a.mcap").messages(lambda channel, _: channel is ch.DECISION)
+    ]
+    reckoning = [decision for decision in decisions if decision["absent"]]
+    assert len(reckoning) > 5
+    assert all(len(decision["kept_for_absent"]) == len(decision["absent"]) for decision in reckoning)
+    assert any(max(decision["kept_for_absent"]) >= 0 for decision in reckoning)
+    assert replay(tmp_path / "a.mcap", LAST_BITS).same
+
+
 def test_another_allocator_is_asked_at_each_moment_and_its_choices_counted(tmp_path: Path) -> None:
     record_mission(tmp_path / "a.mcap")
     result = Replay(lambda _: make("nearest")(), otherwise=True).run(LogReader(tmp_path / "a.mcap"))
