@@ -1,7 +1,10 @@
 """Where robots are that were heard before and are out of range now: remembered, and moved on towards their goals.
 
 A robot that should be heard and is not, is not there: one whose expected place lies within radio range of ego or of a
-neighbour of ego's is left out, so that a dead robot's targets are not kept for it.
+neighbour of ego's is left out, and no target is kept for it. A robot that died on its way to a goal out of earshot
+looks like one that goes on: it is reckoned with until `REMEMBER_S` have passed or somebody comes near enough to miss
+it. Until then an allocator that remembers may leave its target to it; `tasks.abandoned` takes that target at once
+where nothing else is left to do.
 """
 
 from __future__ import annotations

@@ -183,7 +183,8 @@ class Agent:
         """Choose what to do with what is known now."""
         self._tick += 1
         observation = self._observation
-        if observation is None or now_ns - observation.t_ns > self.config.perception_max_age_s * NS_PER_S:
+        oldest_ns = self.config.perception_max_age_s * NS_PER_S
+        if observation is None or now_ns - observation.t_ns > oldest_ns or not self.config.grid.has(observation.cell):
             return self._stand_still(now_ns, Reason.NO_PERCEPTION)
         if not self.has_vehicle:
             return self._stand_still(now_ns, Reason.NO_VEHICLE)
@@ -253,8 +254,7 @@ class Agent:
         """A neighbour that does not know its place yet, or claims to be elsewhere, takes no part in the allocation."""
         if of_task and message.task is TaskKind.HOLD:
             return True
-        x, y = message.task_cell if of_task else message.cell
-        return 0 <= x < self.config.grid.width and 0 <= y < self.config.grid.height and message.speed_cells_s > 0
+        return self.config.grid.has(message.task_cell if of_task else message.cell) and message.speed_cells_s > 0
 
     def _allocate(self, view: View) -> tuple[Allocation, str, str]:
         """The configured allocator's proposal, or the fallback's with the reason why."""

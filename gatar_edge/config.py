@@ -20,7 +20,8 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     perception_max_age_s: float = 3.0  # an own observation older than this stops the robot
     # The paper's two stages: a task is not reconsidered before it ends. Following the allocator at every tick instead
     # saves 2 to 4 % of the steps of ideal vehicles (`gatar eval missions --follow`); with vehicles that must brake and
-    # turn round it saves none and doubles the retasks.
+    # turn round it saves none and doubles the retasks. A steady allocator (the field model) weighs what robots do
+    # itself and is followed either way: there the setting has no effect, but where the fallback decides.
     keep_task: bool = True
     max_neighbors: int = 63
     max_candidates: int = 64

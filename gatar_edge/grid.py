@@ -5,13 +5,16 @@ All motion is 4-connected. A robot plans with what it knows: unknown cells count
 
 from __future__ import annotations
 
-from functools import lru_cache
+from collections.abc import Callable
+from functools import lru_cache, partial
 
 import numpy as np
 
 from gatar_edge.types import BoolGrid, ByteGrid, Cell, Cells, CellState, IntGrid, RobotKind
 
 UNREACHABLE = -1
+CACHE_BYTES = 32 << 20  # of lengths that are remembered, for flying and for driving each
+MOST_CACHED = 1024  # of small grids
 _OBSTACLE = np.uint8(CellState.OBSTACLE)
 
 
@@ -32,12 +35,32 @@ def path_lengths(kind: RobotKind, cell: Cell, free: BoolGrid) -> IntGrid:
     """Steps from `cell` to every cell: int32 [W, H], read-only, `UNREACHABLE` (-1) where there is no way."""
     if kind is RobotKind.UAV:
         return manhattan(cell, free.shape)
-    return _driving_lengths(cell, free.tobytes(), free.shape)
+    return _driving(free.shape)(cell, free.tobytes())
 
 
-# What is known changes less often than it is asked about, and robots that know the same ask the same.
-@lru_cache(maxsize=1024)
-def _driving_lengths(cell: Cell, free: bytes, shape: tuple[int, int]) -> IntGrid:
+def manhattan(cell: Cell, shape: tuple[int, ...]) -> IntGrid:
+    """4-connected distance with nothing in the way: int32 [W, H], read-only."""
+    return _flying(shape)(cell)
+
+
+# What is known changes less often than it is asked about, and robots that know the same ask the same. A robot has one
+# grid: another size begins a new memory, so that together they never hold more than `CACHE_BYTES`.
+@lru_cache(maxsize=1)
+def _driving(shape: tuple[int, ...]) -> Callable[[Cell, bytes], IntGrid]:
+    return lru_cache(_cached(shape, cell_bytes=5))(partial(_driving_lengths, shape=shape))  # with the map, in the key
+
+
+@lru_cache(maxsize=1)
+def _flying(shape: tuple[int, ...]) -> Callable[[Cell], IntGrid]:
+    return lru_cache(_cached(shape, cell_bytes=4))(partial(_flying_lengths, shape=shape))
+
+
+def _cached(shape: tuple[int, ...], cell_bytes: int) -> int:
+    """How many maps of this size to remember."""
+    return min(MOST_CACHED, CACHE_BYTES // (cell_bytes * shape[0] * shape[1]))
+
+
+def _driving_lengths(cell: Cell, free: bytes, shape: tuple[int, ...]) -> IntGrid:
     """Breadth first, one distance at a time, a set of cells being the bits of one number.
 
     Not tcod's dijkstra2d: version 21.2 leaks 4 KB a call, and is no faster on maps of up to 200 x 200 cells.
@@ -67,9 +90,7 @@ def _driving_lengths(cell: Cell, free: bytes, shape: tuple[int, int]) -> IntGrid
     return lengths
 
 
-@lru_cache(maxsize=1024)
-def manhattan(cell: Cell, shape: tuple[int, ...]) -> IntGrid:
-    """4-connected distance with nothing in the way: int32 [W, H], read-only."""
+def _flying_lengths(cell: Cell, shape: tuple[int, ...]) -> IntGrid:
     x = np.abs(np.arange(shape[0], dtype=np.int32) - cell[0])
     y = np.abs(np.arange(shape[1], dtype=np.int32) - cell[1])
     lengths: IntGrid = x[:, None] + y[None, :]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import sys
 from dataclasses import dataclass
 from typing import Any
 
@@ -98,6 +99,9 @@ def parse(text: str | None, where: str) -> Manifest:
     for name in ("name", "levels", "r_sense", "r_comm", "opset", "git_revision", "training"):
         if name not in fields:
             raise ModelError(f"{where}: field {name} is missing in the contract")
+    for name in ("r_sense", "r_comm"):
+        if not _is_range(fields[name]):
+            raise ModelError(f"{where}: field {name} is {fields[name]!r:.80}, expected [lowest, highest]")
     return Manifest(fields)
 
 
@@ -113,6 +117,16 @@ def check_config(manifest: Manifest, config: AgentConfig, where: str) -> None:
             f"{where}: at most {MAX_ROBOTS - 1} neighbours and {MAX_CANDIDATES} candidates, the robot is configured "
             f"to {config.max_neighbors} and {config.max_candidates}"
         )
+
+
+def _is_range(value: Any) -> bool:
+    """Whether `value`, as read from JSON, is a pair of finite numbers."""
+    return isinstance(value, list) and len(value) == 2 and all(_is_finite(number) for number in value)
+
+
+def _is_finite(value: Any) -> bool:
+    # whole numbers of JSON have no largest; a comparison with NaN is false
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 def _equal(where: str, name: str, theirs: Any, ours: Any) -> None:

@@ -99,9 +99,9 @@ class NeighborTable:
         self._max_neighbors = max_neighbors
         self._authors: dict[int, Neighbor] = {}  # in order of reception, the longest silent first
 
-    def hear(self, data: bytes, now_ns: int) -> Heard:
+    def hear(self, data: bytes | bytearray | memoryview, now_ns: int) -> Heard:
         """Judge one datagram received at `now_ns`. Copies cost no signature check and no unpacking."""
-        heard = self._judge(data, now_ns)
+        heard = self._judge(bytes(data), now_ns)  # what is looked up by its content must not change
         self.counters[heard.outcome] += 1
         return heard
 

@@ -105,7 +105,7 @@ class Perception:
     def _sort(self, robot_id: int | None, cell: Cell, t_ns: int) -> ObservationOutcome:
         if robot_id not in {None, self.robot_id}:
             return ObservationOutcome.NOT_MINE
-        if not (0 <= cell[0] < self.grid.width and 0 <= cell[1] < self.grid.height):
+        if not self.grid.has(cell):
             return ObservationOutcome.OFF_GRID
         if self.newest_ns is not None and t_ns < self.newest_ns:
             return ObservationOutcome.OLDER

@@ -83,6 +83,10 @@ class GridSpec:
     origin_lon_deg: float = 149.1652374
     heading_deg: float = 0.0
 
+    def has(self, cell: Cell) -> bool:
+        """Whether `cell` lies on the grid."""
+        return 0 <= cell[0] < self.width and 0 <= cell[1] < self.height
+
 
 @dataclass(frozen=True, slots=True)
 class Observation:

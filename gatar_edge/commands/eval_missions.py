@@ -38,7 +38,12 @@ LINE_EVERY_S = 10.0
 @click.option("--loss", type=click.FloatRange(0, 1), default=0.0, show_default=True, help="Share of messages lost.")
 @click.option("--delay-ticks", type=click.IntRange(0, 100), default=0, show_default=True, help="Of every message.")
 @click.option("--kills", type=click.IntRange(0, 63), default=0, show_default=True, help="Robots lost on the way.")
-@click.option("--follow", is_flag=True, help="Follow the allocator at every tick; else tasks are kept, as on vehicles.")
+@click.option(
+    "--follow",
+    is_flag=True,
+    help="Follow the allocator at every tick; else tasks are kept, as on vehicles. No effect on the field model, which "
+    "weighs what robots are doing itself.",
+)
 @click.option("--max-steps", type=click.IntRange(1, 100_000), default=500, show_default=True)
 @click.option(
     "--workers", type=click.IntRange(1, 256), default=1, show_default=True, help="Processes; changes no figure."

@@ -10,10 +10,11 @@ from builders import observation, robot
 from gatar_edge.absent import REMEMBER_S, expected_cell, out_of_range
 from gatar_edge.agent import Agent, Identity, Inbox
 from gatar_edge.allocators.greedy import Greedy
+from gatar_edge.allocators.routing import RoutingWithMemory
 from gatar_edge.config import AgentConfig
 from gatar_edge.keys import DEMO_KEY
 from gatar_edge.message import decode, encode
-from gatar_edge.types import NS_PER_S, Cell, RobotKind, RobotState, TaskKind
+from gatar_edge.types import NS_PER_S, Cell, Reason, RobotKind, RobotState, TaskKind
 from gatar_edge.view import View
 
 OPEN = [(x, y) for x in range(15) for y in range(15)]
@@ -115,3 +116,25 @@ def test_the_last_heard_count_where_the_graph_has_no_room_for_all() -> None:
     crowded = view_after(9, *gone, late=(told(5, (1, 3), [], **room),), **room)
     assert [other.robot_id for other in crowded.robots] == [1, 5]
     assert [other.robot_id for other in crowded.absent] == [2, 3]
+
+
+@pytest.mark.parametrize(
+    ("dark", "seconds", "reason"),
+    [
+        ([(0, 14)], 5, Reason.FRONTIER),
+        ([(0, 14)], 30, Reason.FRONTIER),
+        ([(0, 14)], 30.001, Reason.ALLOCATED),
+        ([], 5, Reason.ABANDONED),
+    ],
+)
+def test_the_target_of_a_robot_lost_out_of_earshot_waits_half_a_minute_while_there_is_something_else_to_do(
+    dark: list[Cell], seconds: float, reason: Reason
+) -> None:
+    known = [cell for cell in OPEN if cell not in dark]
+    other, ego = (Agent(Identity(n, RobotKind.UAV, 1.0), AgentConfig(), RoutingWithMemory(), DEMO_KEY) for n in (2, 1))
+    left = other.tick(0, Inbox(observation((5, 3), known, (), [(14, 3)], robot_id=2))).message
+    ego.tick(0, Inbox(observation((3, 3), [(3, 3)]), (left,)))
+    now_ns = round(seconds * NS_PER_S)
+    decision = ego.tick(now_ns, Inbox(observation((3, 3), [(3, 3)], t_ns=now_ns))).decision
+    assert decision.assignment.reason is reason
+    assert (decision.assignment.cell == (14, 3)) == (reason is not Reason.FRONTIER)

@@ -56,6 +56,17 @@ def test_an_old_observation_stops_the_robot() -> None:
     assert robot.tick(3 * NS_PER_S + 1, Inbox()).decision.assignment.reason is Reason.NO_PERCEPTION
 
 
+@pytest.mark.parametrize("kind", RobotKind)
+@pytest.mark.parametrize("cell", [(-1, -1), (3, 15), (15, 3), (-1, 3)])
+def test_a_robot_off_the_grid_stands_still_until_it_is_on_it_again(kind: RobotKind, cell: Cell) -> None:
+    robot = agent(kind=kind)
+    robot.tick(0, sees((3, 3), [(5, 3)]))
+    off = robot.tick(NS_PER_S, sees(cell, [(5, 3)], t_s=1))
+    assert (off.command, off.decision.assignment.reason) == (Hold("no_perception"), Reason.NO_PERCEPTION)
+    assert decode(off.message, DEMO_KEY).speed_cells_s == 0  # the others take its targets
+    assert robot.tick(2 * NS_PER_S, sees((3, 3), [(5, 3)], t_s=2)).decision.assignment.cell == (5, 3)
+
+
 def test_a_neighbour_with_a_shorter_way_gets_the_target() -> None:
     other = agent(2)
     told = other.tick(0, sees((5, 3), [(6, 3)], robot_id=2)).message

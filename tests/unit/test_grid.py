@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
+import tracemalloc
 from collections import deque
 
 import numpy as np
 import pytest
 from builders import belief_of
 
-from gatar_edge.grid import UNREACHABLE, as_cells, field_of_view, passable, path_lengths, path_to
+from gatar_edge.grid import CACHE_BYTES, UNREACHABLE, as_cells, field_of_view, passable, path_lengths, path_to
 from gatar_edge.soak import resident_mb
 from gatar_edge.types import RobotKind
 
@@ -49,6 +50,21 @@ def test_driving_lengths_are_those_of_a_plain_breadth_first_search(seed: int) ->
     lengths = path_lengths(RobotKind.UGV, start, free)
     assert np.array_equal(lengths, expected)
     assert (lengths.dtype, lengths.flags.writeable) == (np.int32, False)
+
+
+@pytest.mark.parametrize("kind", RobotKind)
+def test_the_ways_that_are_remembered_on_large_grids_stay_within_the_bytes_allowed(kind: RobotKind) -> None:
+    path_lengths(kind, (0, 0), np.zeros((3, 3), dtype=np.bool_))  # whatever was remembered before is of another size
+    tracemalloc.start()
+    try:
+        for width in (200, 190):
+            walled_in = np.zeros((width, 200), dtype=np.bool_)
+            for number in range(300):  # 48 to 60 MB
+                path_lengths(kind, (number % width, number // width), walled_in)
+        held, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert CACHE_BYTES / 2 < held < CACHE_BYTES * 1.05
 
 
 def test_the_ways_on_thousands_of_maps_leave_no_memory_behind() -> None:

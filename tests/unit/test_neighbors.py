@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -74,6 +75,14 @@ def test_each_cause_has_its_outcome_and_is_counted(data: bytes, outcome: HearOut
     hearing = table()
     assert hearing.hear(data, 0).outcome is outcome
     assert {cause: count for cause, count in hearing.counters.items() if count} == {outcome: 1}
+
+
+@pytest.mark.parametrize("kind", [bytearray, memoryview, lambda data: memoryview(bytearray(data))])
+def test_a_datagram_in_a_buffer_is_heard_like_bytes(kind: Callable[[bytes], bytearray | memoryview]) -> None:
+    hearing = table()
+    assert hearing.hear(kind(sent()), 0) == table().hear(sent(), 0)
+    assert hearing.hear(kind(sent()[:50]), 0).outcome is HearOutcome.MALFORMED
+    assert hearing.hear(kind(b""), 0).outcome is HearOutcome.MALFORMED
 
 
 def test_an_accepted_message_is_handed_on_as_it_was_sent() -> None:

@@ -52,6 +52,33 @@ def test_a_robot_configured_beyond_what_the_model_was_trained_for_is_refused():
         Gatar(config=AgentConfig(hop_limit=3))
 
 
+@pytest.mark.parametrize("field", ["r_sense", "r_comm"])
+@pytest.mark.parametrize(
+    "value",
+    [
+        None,
+        4.0,
+        "34",
+        "3\n",
+        {},
+        [],
+        [3],
+        [3, 4, 5],
+        [3, "5"],
+        [None, 5],
+        [True, 5],
+        [0, np.nan],
+        [0, np.inf],
+        [0, 10**400],
+    ],
+    ids=lambda value: repr(value)[:12],
+)
+def test_a_range_that_is_no_pair_of_finite_numbers_is_refused_in_one_line(tmp_path, field, value):
+    with pytest.raises(ModelError, match=rf"^other.onnx: field {field} is .*, expected \[lowest, highest\]$") as bad:
+        Policy(with_contract(tmp_path / "other.onnx", **{field: value}))
+    assert "\n" not in str(bad.value)
+
+
 def test_the_default_configuration_fits_the_shipped_model():
     assert Gatar(config=AgentConfig()).policy.manifest.name == DEFAULT_MODEL.stem
 
