@@ -1,6 +1,6 @@
 """Compiled geometry for data generation: the same results as `gatar_edge.grid` and `view`, proved by parity tests.
 
-The robot runs tcod and numpy; a million training views need the loops without Python round them. All grids are [W, H];
+The robot runs numpy; a million training views need the loops without Python round them. All grids are [W, H];
 states are those of `CellState`.
 """
 
