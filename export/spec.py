@@ -30,7 +30,8 @@ class SingleView(nn.Module):
 
     def forward(self, *inputs: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Inputs in the order of the network's `inputs`; `scores`, `xy`, `attention` as in `manifest.OUTPUTS`."""
-        outputs = self.network(*(value.unsqueeze(0) for value in inputs))
+        named = zip(self.inputs, inputs, strict=True)
+        outputs = self.network(**{name: value.unsqueeze(0) for name, value in named})
         xy = outputs.xy.squeeze(0) / LENGTH_SCALE_CELLS
         return outputs.scores.squeeze(0).softmax(dim=-1), xy, outputs.attention.squeeze(0)
 

@@ -7,19 +7,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import onnx
 import torch
 from safetensors.torch import load_file
 
-from gatar_edge.allocators.base import in_id_order
-from gatar_edge.allocators.gatar import decode
+from gatar_edge.allocators.base import Choices, in_id_order
+from gatar_edge.allocators.gatar import decode, in_hand
 from gatar_edge.errors import GatarError, ModelError
 from gatar_edge.export.spec import DYNAMIC, TOLERANCE, SingleView
-from gatar_edge.export.states import CONNECTED, ISOLATED, random_view
+from gatar_edge.export.states import CONNECTED, ISOLATED, flown_views, random_view
 from gatar_edge.features import LENGTH_SCALE_CELLS, MAX_CANDIDATES, Inputs, arrays_of, features_of
 from gatar_edge.grid import UNREACHABLE
 from gatar_edge.learn.networks import build
@@ -80,11 +82,13 @@ def verify(
     path: Path,
     progress: Callable[[float, str], None] = lambda share, text: None,
     states_of: Callable[[], Iterable[tuple[int, int, float]]] | None = None,
+    flown: int = 0,
 ) -> Proof:
     """Compare the file with the network whose weights lie beside it. A difference is told by the proof.
 
-    `states_of` gives robots, candidates and r_comm of each state; by default all of `all_states`. Raises ModelError
-    where file or weights cannot be read at all.
+    `states_of` gives robots, candidates and r_comm of each random state; by default all of `all_states`. So many
+    `flown` states, as robots met them in missions, come after them. Raises ModelError where file or weights cannot be
+    read at all.
     """
     policy = Policy(path)
     network = network_of(path, policy)
@@ -93,12 +97,12 @@ def verify(
     error = ""
     try:
         _check_graph(path, policy)
-        every = list((states_of or all_states)())
-        for index, (robots, candidates, r_comm) in enumerate(every):
-            view = random_view(robots, candidates, index, r_comm)
+        drawn = list((states_of or all_states)())
+        every = (random_view(n, m, index, r_comm) for index, (n, m, r_comm) in enumerate(drawn))
+        for view in chain(every, flown_views(flown)):
             worst = max(worst, _compare(policy, network, view))
-            states, decisions = states + 1, decisions + robots
-            progress((index + 1) / len(every), f"{states} states, largest difference {worst:.1e}")
+            states, decisions = states + 1, decisions + len(view.robots)
+            progress(states / (len(drawn) + flown), f"{states} states, largest difference {worst:.1e}")
     except ProofError as found:
         error = f"{type(found).__name__}: {found}"
     return Proof(path.name, not error, states, decisions, worst, TOLERANCE, (1, MAX_ROBOTS), (0, MAX_CANDIDATES), error)
@@ -163,7 +167,8 @@ def _compare(policy: Policy, network: SingleView, view: View) -> float:
             raise ValueMismatchError(f"{name} with {where}: differs by {gap:.2e}, tolerance {TOLERANCE:.0e}")
         worst = max(worst, gap)
     places = arrays.targets[arrays.listed]
-    chosen, expected = _decide(view, places, ours), _decide(view, places, theirs)
+    held = in_hand(view, places) if ahead else None
+    chosen, expected = _decide(view, places, held, ours), _decide(view, places, held, theirs)
     if not np.array_equal(chosen, expected):
         raise DecisionMismatchError(f"{where}: {chosen.tolist()} from the file, {expected.tolist()} from torch")
     return worst
@@ -180,8 +185,11 @@ def _as_exported(output: PolicyOutput) -> PolicyOutput:
 
 
 def _decide(
-    view: View, places: np.ndarray[Any, np.dtype[np.int64]], output: PolicyOutput
-) -> np.ndarray[Any, np.dtype[np.int32]]:
+    view: View,
+    places: npt.NDArray[np.int64],
+    held: npt.NDArray[np.bool_] | None,
+    output: PolicyOutput,
+) -> Choices:
     scores = output.scores[:, [*range(len(places)), -1]]
     possible = view.distances[:, places[:, 0], places[:, 1]] != UNREACHABLE
-    return decode(scores, possible, in_id_order(view))
+    return decode(scores, possible, in_id_order(view), held)

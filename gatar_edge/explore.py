@@ -11,7 +11,7 @@ import numpy.typing as npt
 from gatar_edge.allocators.base import NO_TARGET, Choices, in_id_order
 from gatar_edge.belief import unknown
 from gatar_edge.grid import UNREACHABLE
-from gatar_edge.types import ByteGrid, Cell, IntGrid
+from gatar_edge.types import ByteGrid, Cell, CellState, IntGrid
 from gatar_edge.view import View
 
 FRONTIER_BLOCK = 4  # cells a side: a robot that enters a block sees all of it
@@ -48,6 +48,16 @@ def frontiers(
     kept = reached[np.argsort(soonest[reached], kind="stable")[:most]]
     kept = kept[np.argsort(first[kept])]  # `x` and `y` are in order
     return cells[kept], count[block[first[kept]]]
+
+
+def settled(view: View, frontier: Cell, heading: Cell) -> Cell:
+    """Where ego goes to look at `frontier`'s block: on to `heading` while that is in the block, unknown and reachable.
+
+    A block's place moves with each of its cells that is seen: who follows it steps aside and back.
+    """
+    same = all(a // FRONTIER_BLOCK == b // FRONTIER_BLOCK for a, b in zip(frontier, heading, strict=True))
+    good = same and view.belief[heading] == CellState.UNKNOWN and view.distances[0][heading] != UNREACHABLE
+    return heading if good else frontier
 
 
 def frontier_for_ego(view: View, choices: Choices, r_sense: float) -> Cell | None:

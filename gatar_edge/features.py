@@ -143,30 +143,33 @@ def arrays_of(view: View, with_frontiers: bool = False) -> ViewArrays:
     )
 
 
-def features(view: View, with_frontiers: bool = False) -> Inputs:
+def features(view: View, with_frontiers: bool = False, with_windows: bool = True) -> Inputs:
     """Input of the network for one view: names and axes of `AXES`, without batch axes."""
-    return features_of(arrays_of(view, with_frontiers))
+    return features_of(arrays_of(view, with_frontiers), with_windows)
 
 
-def features_of(view: ViewArrays) -> Inputs:
-    """Input of the network for a batch of views: `AXES` after the leading batch axes."""
+def features_of(view: ViewArrays, with_windows: bool = True) -> Inputs:
+    """Input of the network for a batch of views: `AXES` after the leading batch axes.
+
+    `maps` and `cells` are most of the work: without windows they are left out.
+    """
     lengths = _at_targets(view)
     fastest = np.where(view.present, view.speeds, 0).max(axis=-1, keepdims=True)
     view = replace(view, speeds=view.speeds / np.maximum(fastest, np.float32(1e-6)))
     gaps = view.targets[..., None, :, :] - view.robots[..., :, None, :]
-    cells, inside = _window_cells(view, gaps)
+    inside = _in_window(view, gaps)
     unknown = _unknown_sums(view)
     rank = _ranks(view) / np.float32(RANK_SCALE)
     valid = (lengths != UNREACHABLE) & view.listed[..., None, :] & view.present[..., :, None]
+    windows = {"maps": channels(view), "cells": _window_cells(gaps, inside)} if with_windows else {}
     return {
-        "maps": channels(view),
         "robots": _robot_features(view, unknown, rank),
         "pairs": _pair_features(view, lengths, gaps, unknown, rank, inside),
-        "cells": cells,
         "valid": valid.astype(np.float32),
         "offsets": (view.targets - view.robots[..., :1, :]).astype(np.float32),
         "places": _place_features(view, unknown),
         "hops": view.hops,
+        **windows,
     }
 
 
@@ -250,12 +253,17 @@ def _times(lengths: Ints, speeds: Floats) -> tuple[Floats, Floats]:
     return times, reward
 
 
-def _window_cells(view: ViewArrays, gaps: Ints) -> tuple[Ints, Bools]:
-    """Index of each candidate's cell in each robot's window, and whether it lies there; `gaps` [..., N, M, 2]."""
+def _in_window(view: ViewArrays, gaps: Ints) -> Bools:
+    """Whether each candidate lies in each robot's window; `gaps` [..., N, M, 2]."""
     near = np.abs(gaps) <= WINDOW // 2
-    inside = near[..., 0] & near[..., 1] & view.listed[..., None, :]
+    inside: Bools = near[..., 0] & near[..., 1] & view.listed[..., None, :]
+    return inside
+
+
+def _window_cells(gaps: Ints, inside: Bools) -> Ints:
+    """Index of each candidate's cell in each robot's window, 0 where it is not `inside`."""
     cell = gaps[..., 0] * WINDOW + gaps[..., 1] + WINDOW // 2 * (WINDOW + 1)
-    return np.where(inside, cell, 0), inside
+    return np.where(inside, cell, 0)
 
 
 def _ranks(view: ViewArrays) -> Floats:

@@ -49,6 +49,11 @@ class Manifest:
         """Whether the model has frontiers among its candidates, and robots that are out of range among its robots."""
         return "places" in self.inputs
 
+    @property
+    def reads_windows(self) -> bool:
+        """Whether the model reads the maps round each robot."""
+        return "maps" in self.inputs
+
 
 def fixed_fields() -> dict[str, Any]:
     """What this version's features are, as the contract says it."""

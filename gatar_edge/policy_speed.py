@@ -73,13 +73,13 @@ def _measure_scene(allocator: Gatar, scene: Scene, repeats: int, eager: Eager | 
         if outbox.decision.fallback:
             raise ModelError(f"{policy.path.name}: the model failed on a scene: {outbox.decision.fallback}")
     view = agent.view(now_ns, scene.observation)
-    ahead = policy.manifest.looks_ahead
-    inputs = inputs_of(view, ahead)
+    read = policy.manifest.looks_ahead, policy.manifest.reads_windows
+    inputs = inputs_of(view, *read)
     output = policy.run(inputs)
     scores, possible, order = output.scores, inputs["valid"].astype(np.bool_), in_id_order(view)
     calls: dict[str, Callable[[], object]] = {
         "view": lambda: agent.view(now_ns, scene.observation),
-        "features": lambda: inputs_of(view, ahead),
+        "features": lambda: inputs_of(view, *read),
         "policy": lambda: policy.run(inputs),
         "decode": lambda: decode(scores, possible, order),
     }

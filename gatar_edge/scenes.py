@@ -58,9 +58,9 @@ class Scene:
         return encode_observation(self.observation, self.observation.t_ns), told
 
 
-def inputs_of(view: View, looks_ahead: bool) -> Inputs:
+def inputs_of(view: View, looks_ahead: bool, with_windows: bool = True) -> Inputs:
     """Input of a network for one view, as the learned allocator makes it."""
-    return features(with_absent(view) if looks_ahead else view, with_frontiers=looks_ahead)
+    return features(with_absent(view) if looks_ahead else view, looks_ahead, with_windows)
 
 
 def tick(agent: Agent, perception: Perception, arrived: tuple[bytes, tuple[bytes, ...]], now_ns: int) -> Outbox:

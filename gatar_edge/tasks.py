@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gatar_edge.allocators.base import NO_TARGET, Allocation
-from gatar_edge.explore import frontier_for_ego
+from gatar_edge.explore import frontier_for_ego, settled
 from gatar_edge.grid import UNREACHABLE, manhattan, passable, path_to, simplify
 from gatar_edge.types import Assignment, Cell, Goto, Hold, IntGrid, Mission, Reason, RobotKind, TaskKind, VehicleCommand
 from gatar_edge.view import View, travel_times
@@ -63,6 +63,8 @@ def decide(view: View, allocation: Allocation, task: Task, rules: Rules) -> Assi
     frontier = allocation.frontier
     if frontier is None or view.distances[0][frontier] == UNREACHABLE:
         frontier = frontier_for_ego(view, allocation.choices, rules.r_sense)
+    elif task.kind is TaskKind.EXPLORE:
+        frontier = settled(view, frontier, task.cell)
     if frontier is None:
         index = abandoned(view)
         if index != NO_TARGET:

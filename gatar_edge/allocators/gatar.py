@@ -45,7 +45,7 @@ class Gatar:
         ahead = self.policy.manifest.looks_ahead
         whole = with_absent(view) if ahead else view
         arrays = arrays_of(whole, with_frontiers=ahead)
-        output = self.policy.run(features_of(arrays))
+        output = self.policy.run(features_of(arrays, self.policy.manifest.reads_windows))
         places = arrays.targets[arrays.listed]
         possible = whole.distances[:, places[:, 0], places[:, 1]] != UNREACHABLE
         scores = output.scores if len(places) == len(arrays.targets) else output.scores[:, [*range(len(places)), -1]]

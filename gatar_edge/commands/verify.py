@@ -13,8 +13,15 @@ from gatar_edge.commands._learn import bar, need
 
 @click.command("verify")
 @click.argument("model", type=click.Path(path_type=Path, dir_okay=False))
+@click.option(
+    "--flown",
+    type=click.IntRange(0, 1_000_000),
+    default=1000,
+    show_default=True,
+    help="States from missions, beside the random ones.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the proof as JSON.")
-def command(model: Path, as_json: bool) -> None:
+def command(model: Path, flown: int, as_json: bool) -> None:
     """Compare an ONNX file with its network for every team size; exit code 1 where they differ.
 
     The weights are read from the .safetensors file beside the model.
@@ -31,7 +38,7 @@ def command(model: Path, as_json: bool) -> None:
     torch.set_num_threads(1)  # tiny matrices: more threads only wait for each other
 
     with bar("verify", "") as show:
-        proof = verify(model, show)
+        proof = verify(model, show, flown=flown)
     if as_json:
         click.echo(json.dumps(proof.as_json()))
     elif proof.ok:

@@ -17,6 +17,8 @@ from gatar_edge.types import CellState
 
 UNKNOWN, FREE, OBSTACLE = int(CellState.UNKNOWN), int(CellState.FREE), int(CellState.OBSTACLE)
 TARGET, LOCALIZED = int(CellState.TARGET), int(CellState.LOCALIZED)
+COORDINATE_BITS = 16  # of a cell in a queue: shifting is faster than dividing
+LAST_COORDINATE = (1 << COORDINATE_BITS) - 1
 _FLT_EPSILON = np.float32(1.1920929e-07)
 
 Array = npt.NDArray[Any]
@@ -24,7 +26,7 @@ Array = npt.NDArray[Any]
 
 @compiled
 def path_lengths(belief: Array, ugv: bool, x: int, y: int, out: Array, queue: Array) -> None:
-    """Steps from (x, y) to every cell into `out` [W, H], -1 unreachable; `queue` holds at least W * H indices."""
+    """Steps from (x, y) to every cell into `out` [W, H], -1 unreachable; `queue` holds at least W * H cells."""
     width, height = belief.shape
     if not ugv:
         for i in range(width):
@@ -33,10 +35,10 @@ def path_lengths(belief: Array, ugv: bool, x: int, y: int, out: Array, queue: Ar
         return
     out[:] = -1
     out[x, y] = 0
-    queue[0] = x * height + y
+    queue[0] = x << COORDINATE_BITS | y
     head, tail = 0, 1
     while head < tail:
-        i, j = queue[head] // height, queue[head] % height
+        i, j = queue[head] >> COORDINATE_BITS, queue[head] & LAST_COORDINATE
         head += 1
         step = out[i, j] + 1
         for side in range(4):
@@ -44,7 +46,7 @@ def path_lengths(belief: Array, ugv: bool, x: int, y: int, out: Array, queue: Ar
             m = j + (side == 2) - (side == 3)
             if 0 <= k < width and 0 <= m < height and out[k, m] < 0 and belief[k, m] != OBSTACLE:
                 out[k, m] = step
-                queue[tail] = k * height + m
+                queue[tail] = k << COORDINATE_BITS | m
                 tail += 1
 
 
@@ -254,15 +256,16 @@ def _block_places(belief: Array, across: int, count: Array, place: Array) -> Non
 @compiled
 def pack(belief: Array, out: Array) -> None:
     """Three bits a cell, lowest bit first: uint8 [W, H] -> uint8 [ceil(3 W H / 8)]."""
-    out[:] = 0
-    bit = 0
-    for i in range(belief.shape[0]):
-        for j in range(belief.shape[1]):
-            value = np.int64(belief[i, j]) << (bit & 7)
-            out[bit >> 3] |= np.uint8(value & 255)
-            if value > 255:
-                out[(bit >> 3) + 1] |= np.uint8(value >> 8)
-            bit += 3
+    cells = belief.reshape(-1)
+    word, bits, byte = np.int64(0), 0, 0
+    for cell in range(len(cells)):
+        word |= np.int64(cells[cell]) << bits
+        bits += 3
+        if bits >= 8:
+            out[byte] = word & 255
+            word, bits, byte = word >> 8, bits - 8, byte + 1
+    if bits:
+        out[byte] = word
 
 
 @compiled

@@ -14,10 +14,10 @@ AHEAD = 4  # batches made in advance
 class Loader:
     """Makes batches in a thread of its own, a few ahead of the training."""
 
-    def __init__(self, groups: list[Group], size: int, seed: int, first: int) -> None:
+    def __init__(self, groups: list[Group], size: int, seed: int, first: int, with_windows: bool) -> None:
         self._queue: Queue[Batch | Exception] = Queue(AHEAD)
         self._stop = Event()
-        self._thread = Thread(target=self._work, args=(batches(groups, size, seed, first),), daemon=True)
+        self._thread = Thread(target=self._work, args=(batches(groups, size, seed, first, with_windows),), daemon=True)
         self._thread.start()
 
     def __next__(self) -> Batch:

@@ -21,14 +21,16 @@ NOBODY = 255  # age of a robot that another one does not reckon with
 @compiled
 def share(beliefs: Array, hops: Array, out: Array) -> None:
     """Everybody hears everybody within the hop limit: [N, W, H] -> the merged beliefs in `out`."""
-    count = beliefs.shape[0]
+    count, size = beliefs.shape[0], beliefs.shape[1] * beliefs.shape[2]
+    told, merged = beliefs.reshape(count, size), out.reshape(count, size)  # rows, so that the compiler uses vectors
     for n in range(count):
-        out[n] = beliefs[n]
+        row = merged[n]
+        row[:] = told[n]
         for m in range(count):
             if m != n and hops[n, m] > 0:
-                for i in range(beliefs.shape[1]):
-                    for j in range(beliefs.shape[2]):
-                        out[n, i, j] = max(out[n, i, j], beliefs[m, i, j])
+                other = told[m]
+                for cell in range(size):
+                    row[cell] = max(row[cell], other[cell])
 
 
 @compiled

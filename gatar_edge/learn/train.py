@@ -151,7 +151,8 @@ class Trainer:
         """Train to the end; returns the path of the finished weights."""
         saved_s = self.seconds  # by rank 0's clock: all save at the same step
         seed = self.options.seed + (self.ranks.rank << 32)  # no other rank, nor another seed, draws these batches
-        loader = Loader(self.groups, self.options.batch, seed, self.step)
+        windows = "maps" in self.network.inputs  # type: ignore[operator]
+        loader = Loader(self.groups, self.options.batch, seed, self.step, windows)
         try:
             with Curves(self.folder, self.step, self.ranks.rank == 0) as curves:
                 while self.done < 1:

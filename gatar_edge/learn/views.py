@@ -97,8 +97,8 @@ def load_groups(folder: Path) -> tuple[list[Group], dict[str, Any]]:
     return groups, manifest
 
 
-def batch_of(group: Group, indices: Array) -> Batch:
-    """The views `indices` (step * N + robot) of a group."""
+def batch_of(group: Group, indices: Array, with_windows: bool = True) -> Batch:
+    """The views `indices` (step * N + robot) of a group; `with_windows` as in `features_of`."""
     count = group.robots.shape[1]
     steps, egos = np.divmod(indices, count)
     size = len(indices)
@@ -138,7 +138,7 @@ def batch_of(group: Group, indices: Array) -> Batch:
         present=present, hops=hops, targets=targets,
         listed=np.arange(listed) < counts[:, 1, None], dark=dark[:, :listed],
     )  # fmt: skip
-    return Batch(features_of(view), labels, shares, view, group.robots[steps, egos])
+    return Batch(features_of(view, with_windows), labels, shares, view, group.robots[steps, egos])
 
 
 @compiled
@@ -229,7 +229,7 @@ def _share(votes: Array, candidates: Array, out: Array) -> None:
             out[m] /= known
 
 
-def batches(groups: list[Group], size: int, seed: int, first: int = 0) -> Iterator[Batch]:
+def batches(groups: list[Group], size: int, seed: int, first: int = 0, with_windows: bool = True) -> Iterator[Batch]:
     """Endless random batches, each of one group; batch `first` is the same whether or not earlier ones were drawn.
 
     `POOL` batches are drawn together and cut by size of view, because a batch is as wide as its widest view: with views
@@ -244,7 +244,7 @@ def batches(groups: list[Group], size: int, seed: int, first: int = 0) -> Iterat
         pool = _with_candidates(group, rng, size * POOL)
         order = rng.permutation(POOL)
         for slot in range(number % POOL, POOL):
-            yield batch_of(group, pool[order[slot] * size : (order[slot] + 1) * size])
+            yield batch_of(group, pool[order[slot] * size : (order[slot] + 1) * size], with_windows)
             number += 1
 
 

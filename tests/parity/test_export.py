@@ -41,6 +41,13 @@ def test_the_file_is_proved_equal_for_every_team_size(exported):
     assert proof.max_difference <= 1e-5
 
 
+def test_states_of_missions_are_compared_too(exported):
+    proof = verify(exported, states_of=lambda: [(2, 3, 6.0)], flown=40)
+    assert proof.ok, proof.error
+    assert proof.states == 41
+    assert proof.decisions > 2 + 40  # most robots have somebody to talk to
+
+
 @pytest.mark.parametrize("network", ["gatar-paper", "gnn-vcycle", "magat"])
 def test_networks_of_the_papers_comparison_are_exported_and_proved_too(network, tmp_path):
     out = tmp_path / "tiny.onnx"
@@ -53,7 +60,7 @@ def test_other_weights_are_found_out(exported, tmp_path):
     path = tmp_path / exported.name
     path.write_bytes(exported.read_bytes())
     weights = load_file(exported.with_suffix(".safetensors"))
-    weights["score.1.weight"] = weights["score.1.weight"] + 0.05
+    weights["score.weight"] = weights["score.weight"] + 0.05
     save_file(weights, path.with_suffix(".safetensors"))
     result = CliRunner().invoke(verify_command, [str(path), "--json"])
     assert result.exit_code == 1

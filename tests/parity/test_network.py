@@ -125,6 +125,10 @@ def test_each_part_can_be_taken_away(part):
     assert np.isfinite(scores).all()
 
 
+def test_a_network_without_maps_does_not_ask_for_them():
+    assert set(build("gatar", SMALL).inputs) - set(build("gatar", {**SMALL, "maps": False}).inputs) == {"maps", "cells"}
+
+
 @pytest.mark.parametrize("part", ["ahead", "tour"])
 def test_what_lies_behind_a_frontier_and_what_lies_near_a_candidate_count(part):
     """A network with `ahead` alone sees what a place may hide, one with `tour` alone that two candidates are near."""

@@ -139,6 +139,13 @@ def test_axes_types_and_values_are_as_contracted(robots, candidates):
         assert np.isfinite(array).all(), name
 
 
+def test_without_windows_all_the_rest_is_the_same():
+    whole, rest = (f.features(random_view(5, 8, 1, 6.0), with_windows=asked) for asked in (True, False))
+    assert set(whole) - set(rest) == {"maps", "cells"}
+    for name, array in rest.items():
+        np.testing.assert_array_equal(array, whole[name], err_msg=name)
+
+
 def test_a_batch_of_views_gives_what_each_view_gives_alone():
     views = [f.arrays_of(random_view(5, 8, seed, 6.0)) for seed in range(4)]
     stacked = f.ViewArrays(*(np.stack([getattr(v, name) for v in views]) for name in f.ViewArrays.__slots__))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from builders import belief_of, robot
+from builders import belief_of, robot, view_of
 
-from gatar_edge.explore import FRONTIER_BLOCK, frontiers
+from gatar_edge.explore import FRONTIER_BLOCK, frontiers, settled
 from gatar_edge.types import CellState, RobotKind, RobotState
 from gatar_edge.view import distances_of
 
@@ -71,3 +71,24 @@ def test_the_places_unknown_cells_are_all_that_are_unknown() -> None:
         assert dark.sum() == (belief == CellState.UNKNOWN).sum()
         assert (belief[cells[:, 0], cells[:, 1]] == CellState.UNKNOWN).all()
         assert len(np.unique(cells // FRONTIER_BLOCK, axis=0)) == len(cells)
+
+
+@pytest.mark.parametrize(
+    ("heading", "goes_to"),
+    [
+        ((4, 3), (4, 3)),  # in the block and still unknown
+        ((5, 3), (6, 1)),  # seen by now
+        ((8, 3), (6, 1)),  # another block
+        ((-1, -1), (6, 1)),  # nowhere
+    ],
+)
+def test_a_robot_goes_on_to_where_it_was_going_while_that_is_unknown_and_in_the_chosen_block(
+    heading: tuple[int, int], goes_to: tuple[int, int]
+) -> None:
+    view = view_of(belief_of("....?..?????\n" + "......??????\n" * 3), robot(1, (0, 0)))
+    assert settled(view, (6, 1), heading) == goes_to
+
+
+def test_a_robot_does_not_go_on_to_where_no_way_leads() -> None:
+    view = view_of(belief_of("....#?\n....##\n.....?\n......"), robot(1, (0, 0), RobotKind.UGV))
+    assert settled(view, (5, 1), (5, 3)) == (5, 1)

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from gatar_edge.features import CHANNELS, PAIR_FEATURES, PLACE_FEATURES, ROBOT_FEATURES, WINDOW
+from gatar_edge.features import CHANNELS, PAIR_FEATURES, PLACE_FEATURES, RANK_SCALE, ROBOT_FEATURES, WINDOW
 from gatar_edge.learn.networks.gatar_round import MOST_SCORE, GatarConfig, Hearing, Round
 
 HIDDEN_SCORE = -1e4  # finite, so that nothing becomes NaN; far enough that exp() of it is exactly 0
@@ -62,14 +62,16 @@ class Gatar(nn.Module):
     def __init__(self, config: GatarConfig | None = None) -> None:
         super().__init__()
         self.config = config = config or GatarConfig()
-        self.inputs = ("maps", "robots", "pairs", "cells", "valid", "offsets", "hops", *(("places",) * config.ahead))
+        window = ("maps", "cells") if config.maps else ()
+        self.inputs = ("robots", "pairs", "valid", "offsets", "hops", *window, *(("places",) * config.ahead))
         width = config.width
         read = config.conv_channels if config.maps else 0
         self.window = WindowEncoder(read, config.channels) if config.maps else None
         size = len(PAIR_FEATURES) + len(ROBOT_FEATURES) + len(PLACE_FEATURES) * config.ahead + read
         self.slopes = nn.Parameter(_first_slopes(config.heads)) if config.tour else None
         self.encode = nn.Sequential(nn.Linear(size, 2 * width), nn.ReLU(), nn.Linear(2 * width, width))
-        self.score = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, 1))
+        self.norm = nn.LayerNorm(width)
+        self.score = nn.Linear(width, 1)
         self.none = nn.Sequential(nn.Linear(width + len(ROBOT_FEATURES), width), nn.ReLU(), nn.Linear(width, 1))
         self.plan = _round_plan(config)
         self.rounds = nn.ModuleList(Round(config) for _ in range(max(self.plan) + 1))
@@ -84,8 +86,8 @@ class Gatar(nn.Module):
             self.register_buffer(name, torch.tensor([float(f not in hidden) for f in features]), persistent=False)
 
     def forward(
-        self, maps: Tensor, robots: Tensor, pairs: Tensor, cells: Tensor, valid: Tensor, offsets: Tensor, hops: Tensor,
-        places: Tensor | None = None,
+        self, robots: Tensor, pairs: Tensor, valid: Tensor, offsets: Tensor, hops: Tensor,
+        maps: Tensor | None = None, cells: Tensor | None = None, places: Tensor | None = None,
     ) -> Outputs:  # fmt: skip
         views, count, candidates = valid.shape
         legs = self._legs(offsets)
@@ -93,16 +95,17 @@ class Gatar(nn.Module):
         robots = robots * self.robot_scale
         rows = valid.reshape(-1, 1)
         hidden = (1 - valid) * HIDDEN_SCORE
-        share = 1 / valid.sum(dim=2, keepdim=True).clamp(min=1)  # of a candidate in the mean
+        share = (valid / valid.sum(dim=2, keepdim=True).clamp(min=1)).unsqueeze(2)  # of each candidate in the mean
 
-        def scores_of(h: Tensor) -> Tensor:
-            """[B, N, M + 1]: candidates that do not exist or cannot be reached score `HIDDEN_SCORE`."""
-            scores = self.score(h).reshape(views, count, candidates) * valid + hidden
-            mean = h.reshape(views, count, candidates, self.config.width).sum(dim=2) * share
+        def scores_of(normed: Tensor) -> Tensor:
+            """[B, N, M + 1]: candidates that do not exist or cannot be reached score about `HIDDEN_SCORE`."""
+            scores = self.score(normed).reshape(views, count, candidates) + hidden
+            mean = (share @ normed.reshape(views, count, candidates, -1)).squeeze(2)
             none = self.none(torch.cat([mean, robots], dim=-1).flatten(0, 1))
             return torch.cat([scores, none.reshape(views, count, 1)], dim=-1)
 
-        h = self._encode(maps, robots, pairs * self.pair_scale, cells, pairs[..., INSIDE], places) * rows
+        seen = self._seen(maps, cells, pairs[..., INSIDE])
+        h = self._encode(robots, pairs * self.pair_scale, seen, places)
         levels = self.config.levels
         turn = len(levels) // 2
         down: dict[int, Tensor] = {}
@@ -113,46 +116,54 @@ class Gatar(nn.Module):
                 h = h + self.shortcut[sorted(set(levels[turn:])).index(level)](down.pop(level))
             if index < turn:
                 down[level] = h
-            every = scores_of(h)
+            normed = self.norm(h)
+            every = scores_of(normed)
             history.append(every)
             bids = every.softmax(dim=-1)[..., :-1]
             told = every[..., :-1].clamp(-MOST_SCORE / SCORE_SCALE, MOST_SCORE / SCORE_SCALE) * SCORE_SCALE
-            h, weights = self.rounds[self.plan[index]](h, bids, told, hearings[level], rows, legs)
-            h = h * rows
-        scores = scores_of(h)
+            changed, weights = self.rounds[self.plan[index]](normed, bids, told, hearings[level], rows, legs)
+            h = h + changed
+        scores = scores_of(self.norm(h))
         return Outputs(scores, *self._ego(scores, valid, offsets, weights), tuple(history))
 
     def _hearings(self, hops: Tensor, ranks: Tensor) -> dict[int, Hearing]:
         """The masks of each level that a round asks for: hops [B, N, N], ranks [B, N]."""
-        before = ranks[:, None, :] < ranks[:, :, None]
-        groups = torch.stack([before, ~before] if self.config.order else [torch.ones_like(before)], dim=1)
-        groups = groups & (hops != 0)[:, None]
+        away = hops.to(ranks.dtype)
+        gap = (ranks[:, None, :] - ranks[:, :, None]) * RANK_SCALE  # 1 or more for those later in the order
+        groups = torch.stack([gap + 1, 1 - gap], dim=1) if self.config.order else torch.zeros_like(gap)[:, None]
+        others = (groups.relu() + (1 - away.abs()).relu()[:, None]) * HIDDEN_SCORE  # never the robot itself
         found = {}
         for level in set(self.config.levels):
-            heard = (hops >= 0) & (hops <= level)
-            rivals = groups & heard[:, None]
-            found[level] = Hearing(_far_below(heard)[:, None, None], _far_below(rivals)[:, :, None, ..., None])
+            beyond = torch.maximum(away - level, -away).relu() * HIDDEN_SCORE  # at level 1: of 2 hops, and of -1
+            found[level] = Hearing(beyond[:, None], (others + beyond[:, None])[:, :, None, ..., None])
         return found
 
     def _legs(self, offsets: Tensor) -> Tensor | None:
-        """Weights of one candidate for another by the way between them, exp(-way / reach): [B, H, M, M].
+        """Weights of one candidate for another by the way between them, exp(-way / reach): [B, 1, H * M, M].
 
         The way is taken as 4-connected with nothing between: only what is near counts.
         """
         if self.slopes is None:
             return None
-        way = (offsets.unsqueeze(1) - offsets.unsqueeze(2)).abs().sum(dim=-1)  # [B, M, M]
-        weights = torch.exp(-way.unsqueeze(1) * functional.softplus(self.slopes)[:, None, None])
-        return weights * (LEG_SCALE - LEG_SCALE * torch.eye(way.shape[1], dtype=way.dtype, device=way.device))
+        x, y = offsets[..., 0], offsets[..., 1]
+        way = (x.unsqueeze(1) - x.unsqueeze(2)).abs() + (y.unsqueeze(1) - y.unsqueeze(2)).abs()  # [B, M, M]
+        heads = torch.cat([way * -slope for slope in functional.softplus(self.slopes)], dim=1)
+        others = torch.cat([(way > 0) * LEG_SCALE] * self.config.heads, dim=1)  # not the candidate itself
+        return (torch.exp(heads) * others).unsqueeze(1)
 
-    def _encode(
-        self, maps: Tensor, robots: Tensor, pairs: Tensor, cells: Tensor, inside: Tensor, places: Tensor | None
-    ) -> Tensor:
+    def _seen(self, maps: Tensor | None, cells: Tensor | None, inside: Tensor) -> Tensor | None:
+        """What the window shows of each candidate, 0 for those outside: [B, N, M, C]."""
+        if self.window is None or maps is None or cells is None:
+            return None
+        read: Tensor = self.window(maps, cells)
+        return read * inside.unsqueeze(-1)
+
+    def _encode(self, robots: Tensor, pairs: Tensor, seen: Tensor | None, places: Tensor | None) -> Tensor:
         parts = [pairs, robots.unsqueeze(2).expand(-1, -1, pairs.shape[2], -1)]
         if places is not None:
             parts.append(places.unsqueeze(1).expand(-1, pairs.shape[1], -1, -1))
-        if self.window is not None:
-            parts.append(self.window(maps, cells) * inside.unsqueeze(-1))
+        if seen is not None:
+            parts.append(seen)
         table = torch.cat(parts, dim=-1)
         encoded: Tensor = self.encode(table.reshape(-1, table.shape[-1]))
         return encoded
@@ -161,16 +172,7 @@ class Gatar(nn.Module):
         """Ego's score-weighted mean cell (the paper's output) and its attention in the last round."""
         bids = scores[:, 0, :-1].softmax(dim=-1) * valid[:, 0]
         xy = (bids.unsqueeze(-1) * offsets).sum(dim=1)
-        heads = weights[..., 0, :].mean(dim=2)  # [B, M or 1, N]
-        if self.config.attention:
-            share = bids / bids.sum(dim=-1, keepdim=True).clamp(min=1e-6)
-            return xy, (share.unsqueeze(-1) * heads).sum(dim=1)
-        return xy, heads.mean(dim=1)
-
-
-def _far_below(seen: Tensor) -> Tensor:
-    """0 where `seen`, `HIDDEN_SCORE` elsewhere."""
-    return (~seen).to(torch.float32) * HIDDEN_SCORE
+        return xy, weights[:, :, 0].mean(dim=1)
 
 
 def _first_slopes(heads: int) -> Tensor:

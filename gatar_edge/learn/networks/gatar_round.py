@@ -40,80 +40,72 @@ class GatarConfig:
 class Hearing:
     """Who hears whom at one level, as numbers to add before a maximum: 0 for who is heard, far below 0 for others."""
 
-    attention: Tensor  # [B, 1, 1, N, N]
-    rivals: (
-        Tensor  # [B, G, 1, N, N, 1], in G groups: robots earlier in the order and those later, never the robot itself
-    )
+    attention: Tensor  # [B, 1, N, N]
+    rivals: Tensor  # [B, G, 1, N, N, 1], in G groups: robots earlier in the order and those later, never itself
 
 
 class Round(nn.Module):
-    """One exchange of bids over one hop mask: (h, bids, scores) -> h, and ego's attention.
+    """One exchange of bids over one hop mask: (h, bids, scores) -> what changes in h, and the attention.
 
-    `h` and all that goes through a linear layer are rows [B * N * M, D], so that a layer is one product of matrices.
+    `h` (normed) and all that goes through a linear layer are rows [B * N * M, D]: a layer is one product of matrices.
+    Robots attend to robots by what they want most; a head gathers, for every candidate, what those say of it. All
+    heads weigh the same values, so that nothing large has to be cut up and put together again.
     """
 
     def __init__(self, config: GatarConfig) -> None:
         super().__init__()
-        width = config.width
+        width, part = config.width, config.width // config.heads
         self.config = config
-        self.norm = nn.LayerNorm(width)
-        self.query = nn.Linear(width + 2, width, bias=False)
-        self.key = nn.Linear(width + 2, width, bias=False)
-        self.value = nn.Linear(width + 2, width)
-        self.near = nn.Linear(width + 2, width) if config.tour else None
-        extra = (
-            2
-            + width * (config.attention + config.summary + config.tour)
-            + config.competition * (4 if config.order else 2)
-        )
-        self.update = nn.Sequential(nn.Linear(width + extra, 2 * width), nn.ReLU(), nn.Linear(2 * width, width))
+        self.ask = nn.Linear(width, 2 * width, bias=False) if config.attention else None
+        self.value = nn.Linear(width + 2, part) if config.attention else None
+        self.near = nn.Linear(width + 2, part) if config.tour else None
+        size = width + 2 + part * config.heads * (config.attention + config.tour)
+        size += config.competition * (4 if config.order else 2)
+        self.update = nn.Linear(size, 2 * width)
+        self.own = nn.Linear(width, 2 * width, bias=False) if config.summary else None
+        self.out = nn.Linear(2 * width, width)
         self.least: Tensor  # bid and score of a group that nobody is in
         self.register_buffer("least", torch.tensor([0.0, -MOST_SCORE])[:, None, None], persistent=False)
 
     def forward(
-        self, h: Tensor, bids: Tensor, scores: Tensor, hearing: Hearing, valid: Tensor, legs: Tensor | None
+        self, normed: Tensor, bids: Tensor, scores: Tensor, hearing: Hearing, valid: Tensor, legs: Tensor | None
     ) -> tuple[Tensor, Tensor]:
         """`bids` and `scores` [B, N, M], the scores scaled; `valid` as rows [B * N * M, 1]."""
-        width = self.config.width
         views, robots, candidates = bids.shape
-        normed = self.norm(h)
         message = torch.cat([normed, bids.reshape(-1, 1), scores.reshape(-1, 1)], dim=-1)
+        wanted = bids.unsqueeze(2) @ normed.reshape(views, robots, candidates, -1)  # [B, N, 1, D]
         parts = [message]
-        weights = hearing.attention.exp()
-        if self.config.attention:
-            heard, weights = self._attend(message, hearing, (views, robots, candidates))
-            parts.append(heard)
+        weights = hearing.attention.softmax(dim=-1)
+        if self.ask is not None and self.value is not None:
+            weights = self._attention(self.ask(wanted.reshape(-1, self.config.width)), hearing, views)
+            said = self.value(message).reshape(views, 1, robots, -1)
+            parts.append(self._rows(weights @ said, bids))
         if self.config.competition:
             parts.append(self._competition(torch.stack([bids, scores], dim=1), hearing))
-        if self.config.summary:
-            mean = bids.unsqueeze(2) @ normed.reshape(views, robots, candidates, width)
-            parts.append(mean.expand(-1, -1, candidates, -1).reshape(-1, width))
         if self.near is not None and legs is not None:
-            parts.append(self._around(self.near(message) * valid, legs, (views, robots, candidates)))
-        changed: Tensor = self.update(torch.cat(parts, dim=-1))
-        return h + changed, weights
+            values = (self.near(message) * valid).reshape(views, robots, candidates, -1)
+            parts.append(self._around(values, legs, bids))
+        changed = self.update(torch.cat(parts, dim=-1))
+        if self.own is not None:
+            changed = changed.reshape(views, robots, candidates, -1) + self.own(wanted)
+        return self.out(functional.relu(changed).reshape(-1, 2 * self.config.width)), weights
 
-    def _split(self, x: Tensor, shape: tuple[int, int, int]) -> Tensor:
-        """Rows by head: [B, N, M, H, D / H]."""
-        return x.reshape(*shape, self.config.heads, self.config.width // self.config.heads)
+    def _attention(self, asked: Tensor, hearing: Hearing, views: int) -> Tensor:
+        """Eq. 10, receiver form: alpha_nm = softmax over m in N(n) of LeakyReLU(q_n k_m / sqrt d): [B, H, N, N]."""
+        size = self.config.width // self.config.heads
+        split = asked.reshape(views, -1, 2, self.config.heads, size).permute(2, 0, 3, 1, 4)
+        match = split[0] @ split[1].transpose(-2, -1) / math.sqrt(size)
+        return (functional.leaky_relu(match, 0.2) + hearing.attention).softmax(dim=-1)
 
-    def _around(self, values: Tensor, legs: Tensor, shape: tuple[int, int, int]) -> Tensor:
-        """What lies near each candidate: rows of values weighed by legs [B, H, M, M]."""
-        views, robots, candidates = shape
-        heads, width = self.config.heads, self.config.width
-        split = self._split(values, shape).permute(0, 3, 2, 1, 4)  # [B, H, M, N, D / H]
-        gathered = legs @ split.reshape(views, heads, candidates, robots * (width // heads))
-        return gathered.reshape(split.shape).permute(0, 3, 2, 1, 4).reshape(-1, width)
+    def _around(self, values: Tensor, legs: Tensor, bids: Tensor) -> Tensor:
+        """What lies near each candidate: values [B, N, M, P] weighed by legs [B, 1, H * M, M], as rows."""
+        gathered = legs @ values
+        return self._rows(gathered.reshape(*bids.shape[:2], self.config.heads, -1).transpose(1, 2), bids)
 
-    def _attend(self, message: Tensor, hearing: Hearing, shape: tuple[int, int, int]) -> tuple[Tensor, Tensor]:
-        """Eq. 10, receiver form: alpha_nm = softmax over m in N(n) of LeakyReLU(q_n k_m / sqrt d), per candidate."""
-        width = self.config.width
-        scale = 1 / math.sqrt(width // self.config.heads)
-        query = self._split(functional.linear(message, self.query.weight * scale), shape).permute(0, 2, 3, 1, 4)
-        key = self._split(self.key(message), shape).permute(0, 2, 3, 4, 1)
-        value = self._split(self.value(message), shape).permute(0, 2, 3, 1, 4)
-        alpha = (functional.leaky_relu(query @ key, 0.2) + hearing.attention).softmax(dim=-1)  # [B, M, H, N, N]
-        return (alpha @ value).permute(0, 3, 1, 2, 4).reshape(-1, width), alpha
+    def _rows(self, heads: Tensor, bids: Tensor) -> Tensor:
+        """[B, H, N, M * P] -> [B * N * M, H * P]."""
+        split = heads.reshape(*heads.shape[:3], bids.shape[2], -1).permute(0, 2, 3, 1, 4)
+        return split.reshape(-1, self.config.width)
 
     def _competition(self, told: Tensor, hearing: Hearing) -> Tensor:
         """Largest bid and score among the rivals of each group: told [B, 2, N, M] -> rows of 2 for each group."""
