@@ -11,7 +11,7 @@ from pathlib import Path
 
 
 class RecordStream:
-    """A write-only stream for `mcap.writer.Writer` over an unbuffered file."""
+    """A write-only stream for `McapWriter` over an unbuffered file."""
 
     def __init__(self, path: Path) -> None:
         self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)

@@ -18,13 +18,13 @@ from typing import Any, Literal
 
 import msgspec
 import numpy as np
-from mcap.writer import CompressionType, Writer
 
 from gatar_edge import __version__, foxglove
 from gatar_edge import channels as ch
 from gatar_edge.errors import LogError
 from gatar_edge.logfile import RecordStream
 from gatar_edge.mavlink_frame import without_secrets
+from gatar_edge.mcap_writer import McapWriter
 from gatar_edge.persist import SavedState
 from gatar_edge.record_items import RadioBuffers, agent_state, command_record, observation_record
 from gatar_edge.types import (
@@ -77,15 +77,14 @@ class Recorder:
             self._stream = RecordStream(path)
         except OSError as error:
             raise LogError(f"log {path} cannot be written: {error.strerror}") from error
-        stream: Any = self._stream  # has what the writer uses of a file; the writer's own methods are partly untyped
-        self._writer: Any = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self._writer = McapWriter(self._stream, CHUNK_BYTES)
         self._open(now_ns)
 
     def _open(self, now_ns: int) -> None:
         self._writer.start(f"{ch.PROFILE}-{ch.FORMAT}", f"gatar-edge {__version__}")
         digest = hashlib.sha256(self._run_info).hexdigest()
         self._writer.add_metadata("gatar", {"format": str(ch.FORMAT), "run_info_sha256": digest})
-        self._writer.add_attachment(now_ns, now_ns, "run_info.json", "application/json", self._run_info)
+        self._writer.add_attachment(now_ns, "run_info.json", "application/json", self._run_info)
         self.poll(now_ns)
 
     @property
@@ -280,7 +279,7 @@ class Recorder:
             encoding, definition = "jsonschema", _encoder.encode(ch.json_schema(channel))
         elif channel.encoding is ch.Encoding.PROTOBUF:
             encoding, definition = "protobuf", foxglove.descriptor_set(channel.schema)
-        return int(self._writer.register_schema(channel.schema, encoding, definition))
+        return self._writer.register_schema(channel.schema, encoding, definition)
 
     def _is_due(self, period_ns: int, now_ns: int) -> bool:
         if now_ns < self._due[period_ns]:
