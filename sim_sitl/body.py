@@ -42,9 +42,10 @@ class Body:
 
     def step(self, now_ns: int) -> None:
         """Physics up to now."""
-        before = self.autopilot.place_m
+        before, place_m = self.autopilot.body, self.autopilot.place_m
         self.autopilot.step(now_ns)
-        self.travelled_m += math.dist(before, self.autopilot.place_m)
+        if self.autopilot.body is not before:
+            self.travelled_m += math.dist(place_m, self.autopilot.place_m)
 
     @property
     def cell(self) -> Cell:
