@@ -76,6 +76,8 @@ class CommandClient:
     def poll(self, now_ns: int) -> list[Message]:
         """All commands due now."""
         due: list[Message] = []
+        if not self._pending:
+            return due
         for pending in self._pending.values():
             if pending.result is not None or (now_ns - pending.sent_ns < RETRY_NS and pending.sends):
                 continue

@@ -117,12 +117,13 @@ class VehicleDriver:
         out: list[wire.Message] = self._heart.poll(now_ns)
         if self._vehicle is not None:
             out += self._vehicle.poll(now_ns, self._launch)
-            self._events.extend(self._vehicle.events)
-            self._vehicle.events.clear()
+            if self._vehicle.events:
+                self._events.extend(self._vehicle.events)
+                self._vehicle.events.clear()
             if self._vehicle.launch.phase is Phase.PILOT and not isinstance(self._pursued, Hold):
                 self._pursued, self._applied = Hold(Refusal.PILOT.value), False
             self._watch_connection(self._vehicle.connected(now_ns), now_ns)
-        return b"".join([self._encode(message, now_ns) for message in out])
+        return b"".join([self._encode(message, now_ns) for message in out]) if out else b""
 
     def neighbors(self, positions: tuple[Place, ...]) -> None:
         """Where other robots are, or go to with the right of way: commands keep `min_separation_m` from them."""
@@ -163,12 +164,16 @@ class VehicleDriver:
 
     def events(self) -> tuple[DriverEvent, ...]:
         """What happened since the last call."""
+        if not self._events:
+            return ()
         events = tuple(self._events)
         self._events.clear()
         return events
 
     def frames(self) -> tuple[FrameRecord, ...]:
         """Raw frames both ways since the last call; SETUP_SIGNING is never among them."""
+        if not self._frames:
+            return ()
         frames = tuple(self._frames)
         self._frames.clear()
         return frames

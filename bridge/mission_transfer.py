@@ -113,12 +113,13 @@ class MissionClient:
 
     def poll(self, now_ns: int) -> list[Message]:
         """Run the timers and hand over all messages to send now."""
-        if self.active:
+        if self.step is not Step.IDLE:
             self._run_timers(now_ns)
+        if not self._out:
+            return []
         out = list(self._out)
         self._out.clear()
-        if out:
-            self._traffic_ns = now_ns
+        self._traffic_ns = now_ns
         return out
 
     def _begin(self, goal: Event, now_ns: int, items: Items) -> None:
