@@ -105,6 +105,9 @@ class Agent:
         self._fallback = Greedy()
         self._observation: Observation | None = None
         self.has_vehicle = True  # set false by the caller while the vehicle cannot be commanded
+        self._merged: tuple[ByteGrid, Cell, ByteGrid] | None = (
+            None  # a belief, and origin and window that added nothing
+        )
         self.shunned: frozenset[Cell] = frozenset()  # where the vehicle could not go lately: set by the caller
         self.shadow = False  # set true by the caller where nothing obeys: tell what is seen, claim nothing
         self._takes_part = True  # a robot that cannot move says so, and nobody allocates targets to it
@@ -144,8 +147,15 @@ class Agent:
             return Heard(self._listen(datagram, now_ns))
         heard = self.neighbors.hear(datagram, now_ns)
         if heard.message is not None:
-            self.belief = merged(self.belief, heard.message.window_origin, heard.message.window)
+            self._merge(heard.message.window_origin, heard.message.window)
         return heard
+
+    def _merge(self, origin: Cell, window: ByteGrid) -> None:
+        """Take over what a neighbour knows; most often that is what the one before knew, and nothing new."""
+        known = self._merged
+        if known is None or known[0] is not self.belief or known[2] is not window or known[1] != origin:
+            self.belief = merged(self.belief, origin, window)
+            self._merged = self.belief, origin, window
 
     def beacon(self, now_ns: int) -> bytes:
         """The message of this moment: where the robot is, what it is doing, and what it knows."""

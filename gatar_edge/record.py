@@ -144,9 +144,9 @@ class Recorder:
     def belief(self, robot_id: int, belief: ByteGrid, grid: GridSpec, now_ns: int) -> None:
         """What the robot knows: written when it changed since the last call, and repeated as static state."""
         known = self._beliefs.get(robot_id)
-        if known is not None and np.array_equal(known, belief):
+        if known is belief or (known is not None and np.array_equal(known, belief)):
             return
-        self._beliefs[robot_id] = belief.copy()
+        self._beliefs[robot_id] = belief
         self._write(ch.BELIEF, foxglove.grid(belief, grid, now_ns), now_ns, robot_id)
 
     def text(self, level: foxglove.Level, robot_id: int, text: str, now_ns: int) -> None:

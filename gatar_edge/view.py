@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +21,7 @@ Hops = npt.NDArray[np.int8]
 FAR_HOPS = 2  # of robots that are remembered but not heard
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)  # it holds arrays: one view is equal to itself alone
 class View:
     """Input of every allocator."""
 
@@ -59,7 +60,8 @@ def build_view(
 def distances_of(robots: Sequence[RobotState], belief: ByteGrid) -> IntGrid:
     """Steps from each robot to each cell: int32 [N, W, H], -1 unreachable."""
     free = passable(RobotKind.UGV, belief)  # of a UAV's way, `path_lengths` asks for nothing but the grid's shape
-    return np.stack([path_lengths(robot.kind, robot.cell, free) for robot in robots])
+    lengths = [path_lengths(robot.kind, robot.cell, free) for robot in robots]
+    return np.concatenate(lengths).reshape(-1, *belief.shape)
 
 
 def with_absent(view: View) -> View:
@@ -124,7 +126,10 @@ def target_legs(view: View, kind: RobotKind) -> npt.NDArray[np.float64]:
     return legs
 
 
+@lru_cache(maxsize=2)  # asked for by the allocator, and by the decision that follows
 def travel_times(view: View) -> npt.NDArray[np.float64]:
-    """Seconds from each robot to each target: float64 [N, M], inf where unreachable."""
+    """Seconds from each robot to each target: float64 [N, M], read-only, inf where unreachable."""
     speeds = np.array([robot.speed_cells_s for robot in view.robots])
-    return np.where(view.lengths == UNREACHABLE, np.inf, view.lengths / speeds[:, None])
+    times = np.where(view.lengths == UNREACHABLE, np.inf, view.lengths / speeds[:, None])
+    times.flags.writeable = False
+    return times
