@@ -32,7 +32,7 @@ class Radio:
         self._began_ns: int | None = None
         self._lanes: dict[tuple[int, int], Lane] = {}
         self._in_flight: InFlight[int] = InFlight()
-        self._positions: Mapping[int, Position] = {}
+        self._positions: dict[int, Position] = {}
         self._near: dict[int, list[int]] = {}  # who is in range of whom at `_positions`
         self._perfect = self._faults.none and not self._between
         self.sent = self.delivered = self.sent_bytes = 0
@@ -44,10 +44,7 @@ class Radio:
             lane.begin(now_ns)
 
     def send(self, now_ns: int, sender: int, datagram: bytes, positions: Mapping[int, Position]) -> None:
-        """Broadcast: `positions` holds the cells of all robots that exist now, the sender among them.
-
-        Each moment has its own `positions`: one that was handed in does not change.
-        """
+        """Broadcast: `positions` holds the cells of all robots that exist now, the sender among them."""
         self.sent += 1
         self.sent_bytes += len(datagram)
         receivers = self._in_range(sender, positions)
@@ -66,10 +63,8 @@ class Radio:
 
     def _in_range(self, sender: int, positions: Mapping[int, Position]) -> list[int]:
         """Who hears the sender: worked out once for all that is sent while nobody moves."""
-        if positions is not self._positions:
-            if positions != self._positions:
-                self._near = {}
-            self._positions = positions
+        if positions != self._positions:
+            self._positions, self._near = dict(positions), {}
         near = self._near.get(sender)
         if near is None:
             x, y = positions[sender]
