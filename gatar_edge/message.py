@@ -25,10 +25,10 @@ from __future__ import annotations
 import hashlib
 import hmac
 import struct
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 
 from gatar_edge.errors import ConfigError, MessageCause, MessageError
@@ -58,8 +58,7 @@ MAX_MESSAGES_PER_S = 10  # numbers that one second of the clock is worth; 32 bit
 _MAX_SEQ = 0xFFFF_FFFF
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class NeighborMessage:
+class NeighborMessage(msgspec.Struct, frozen=True, eq=False):
     """What one robot says of itself and of the window of cells around it.
 
     `window` is uint8 [15, 15] of `CellState` codes, read-only when decoded; its [0, 0] is the cell `window_origin`.
@@ -84,7 +83,7 @@ class NeighborMessage:
         """Equal in all fields; written out because arrays have no truth value."""
         if not isinstance(other, NeighborMessage):
             return NotImplemented
-        names = (name for name in self.__dataclass_fields__ if name != "window")
+        names = (name for name in self.__struct_fields__ if name != "window")
         return all(getattr(self, name) == getattr(other, name) for name in names) and np.array_equal(
             self.window, other.window
         )

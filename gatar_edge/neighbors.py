@@ -8,8 +8,10 @@ Rule 3: `hear` takes any bytes and never raises; each cause has its outcome, eac
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from enum import StrEnum
+
+import msgspec
+from msgspec.structs import replace
 
 from gatar_edge.errors import ConfigError, MessageError
 from gatar_edge.keys import KEY_BYTES
@@ -36,8 +38,7 @@ class HearOutcome(StrEnum):
     FORGED = "forged"
 
 
-@dataclass(frozen=True, slots=True)
-class Heard:
+class Heard(msgspec.Struct, frozen=True):
     """The outcome; the message where it is ACCEPTED or NEARER; the bytes to send on where others may lack it."""
 
     outcome: HearOutcome
@@ -49,8 +50,7 @@ class Heard:
 _IGNORED = {outcome: Heard(outcome) for outcome in HearOutcome}
 
 
-@dataclass(frozen=True, slots=True)
-class Neighbor:
+class Neighbor(msgspec.Struct, frozen=True):
     """The newest message of one author, and when it was first heard here."""
 
     message: NeighborMessage

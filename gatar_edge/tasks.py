@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
@@ -23,8 +24,7 @@ from gatar_edge.view import View, travel_times
 MOST_CHANGES = 3  # targets given up since one ended, before only a nearer one is worth another change
 
 
-@dataclass(frozen=True, slots=True)
-class Task:
+class Task(msgspec.Struct, frozen=True):
     """What the robot is doing, and the path on which it is doing it."""
 
     kind: TaskKind = TaskKind.HOLD

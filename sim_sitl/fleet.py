@@ -6,7 +6,6 @@ advances the time, as fast as it likes (lock-step) or with the wall clock (real 
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
@@ -261,7 +260,7 @@ class Fleet:
             self.tally.decided(out.decision, latency_ns)
             decisions.append(out.decision)
             if self.log is not None:
-                decision = dataclasses.replace(out.decision, latency_ns=latency_ns)
+                decision = msgspec.structs.replace(out.decision, latency_ns=latency_ns)
                 self._record(robot, seen, decision, (out.command, sent), now_ns)
             for datagram in (out.message, *out.talks):
                 self._send(robot, datagram, positions, now_ns)

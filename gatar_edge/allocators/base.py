@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
@@ -15,8 +15,7 @@ NO_TARGET = -1
 Choices = npt.NDArray[np.int32]
 
 
-@dataclass(frozen=True, slots=True)
-class Allocation:
+class Allocation(msgspec.Struct, frozen=True):
     """What an allocator proposes for every robot of a view; ego is row 0."""
 
     choices: Choices  # [N], index into view.targets or NO_TARGET
