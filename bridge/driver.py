@@ -72,6 +72,7 @@ class VehicleDriver:
         self._failed_ns: int | None = None  # since when the pursuit fails
         self._retasks = 0
         self._heart = Heart(config.heartbeat_hz, config.critical_s, now_ns)
+        self._due_ns = 0  # before it nothing is to be done, unless something comes between
         self._events: deque[DriverEvent] = deque(maxlen=MAX_EVENTS)
         self._frames: deque[FrameRecord] = deque(maxlen=MAX_FRAMES)
 
@@ -82,6 +83,7 @@ class VehicleDriver:
         for frame in self._codec.parse(data):
             if frame.source[0] != self.config.sysid:
                 continue
+            self._due_ns = 0
             if self.config.log_frames and frame.message_id != dialect.MessageId.SETUP_SIGNING:
                 self._frames.append(FrameRecord(now_ns, False, frame.raw))
             if self._vehicle is None:
@@ -91,6 +93,7 @@ class VehicleDriver:
 
     def command(self, wanted: VehicleCommand, now_ns: int) -> VehicleCommand:
         """Want this from now on. Returns what passed the gate and is pursued; the same again changes nothing."""
+        self._due_ns = 0
         passed = gate(wanted, self._known(now_ns), self._limits)
         self._refused_goal = isinstance(passed, Hold) and passed.reason in GOAL_REFUSALS
         if passed not in (wanted, self._pursued) and isinstance(passed, Hold):
@@ -112,17 +115,19 @@ class VehicleDriver:
 
     def poll(self, now_ns: int) -> bytes:
         """All bytes to send now. Call it from the working loop: it is what proves to the vehicle that we live."""
+        if now_ns < self._due_ns:
+            return b""
         if self._codec.signing is not None:
             self._codec.signing.advance(self._signing_base + now_ns // TICK_NS)
-        out: list[wire.Message] = self._heart.poll(now_ns)
-        if self._vehicle is not None:
-            out += self._vehicle.poll(now_ns, self._launch)
-            if self._vehicle.events:
-                self._events.extend(self._vehicle.events)
-                self._vehicle.events.clear()
-            if self._vehicle.launch.phase is Phase.PILOT and not isinstance(self._pursued, Hold):
+        out, vehicle = self._heart.poll(now_ns), self._vehicle
+        if vehicle is not None:
+            out += vehicle.poll(now_ns, self._launch)
+            self._events.extend(vehicle.events)
+            vehicle.events.clear()
+            if vehicle.launch.phase is Phase.PILOT and not isinstance(self._pursued, Hold):
                 self._pursued, self._applied = Hold(Refusal.PILOT.value), False
-            self._watch_connection(self._vehicle.connected(now_ns), now_ns)
+            self._watch_connection(vehicle.connected(now_ns), now_ns)
+        self._due_ns = 0 if out else self._next_due_ns(now_ns)
         return b"".join([self._encode(message, now_ns) for message in out]) if out else b""
 
     def neighbors(self, positions: tuple[Place, ...]) -> None:
@@ -131,11 +136,11 @@ class VehicleDriver:
 
     def launch(self) -> None:
         """Arm and take off when possible, where `auto_launch` is off."""
-        self._launch = True
+        self._launch, self._due_ns = True, 0
 
     def return_home(self, now_ns: int) -> bool:
         """Let the vehicle return by its own mode; true once its heartbeat shows that, or it does not obey us anyway."""
-        vehicle = self._vehicle
+        vehicle, self._due_ns = self._vehicle, 0
         if vehicle is None or vehicle.returning or not vehicle.ready(now_ns):
             return True
         home = Hold("returning to launch")
@@ -146,12 +151,13 @@ class VehicleDriver:
 
     def enable(self, now_ns: int) -> None:
         """Command again after a pilot had control."""
+        self._due_ns = 0
         if self._vehicle is not None:
             self._vehicle.enable(now_ns)
 
     def health(self, critical: bool) -> None:
         """Tell that the robot's own loop fails: the heartbeat says CRITICAL, and after `critical_s` falls silent."""
-        self._heart.critical = critical
+        self._heart.critical, self._due_ns = critical, 0
 
     def memory(self) -> DriverMemory:
         """What the next process needs to go on, if this one is killed."""
@@ -285,6 +291,13 @@ class VehicleDriver:
         if not isinstance(passed, Mission) or not isinstance(whole, Mission) or start is None or here is None:
             return False
         return is_rest(passed.cells, whole.cells, start, here)
+
+    def _next_due_ns(self, now_ns: int) -> int:
+        """Until when `poll` has nothing to do, if nothing comes between: asked ever so often, it looks no further."""
+        if self._codec.signing is not None:  # its clock goes on at each poll
+            return 0
+        due_ns = self._heart.due_ns
+        return due_ns if self._vehicle is None else min(due_ns, self._vehicle.due_ns(now_ns))
 
     def _watch_connection(self, connected: bool, now_ns: int) -> None:
         if connected != self._connected:

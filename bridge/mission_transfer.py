@@ -16,6 +16,7 @@ from collections import deque
 from collections.abc import Callable
 
 from gatar_edge.bridge import wire
+from gatar_edge.bridge.commands import NEVER_NS
 from gatar_edge.bridge.dialect import MissionResult
 from gatar_edge.bridge.mission_items import MAX_ITEMS, Items, fingerprint, same_mission
 from gatar_edge.bridge.mission_states import ACK_EVENTS, REFUSALS, TRANSITIONS, Event, Result, Step
@@ -110,6 +111,11 @@ class MissionClient:
                 self._on_count(message, now_ns)
             case wire.MissionItemAt(target=self.me, mission_type=0):
                 self._on_item(message, now_ns)
+
+    @property
+    def due_ns(self) -> int:
+        """When `poll` has something to do again, unless something arrives or is commanded first."""
+        return 0 if self.active or self._out else NEVER_NS
 
     def poll(self, now_ns: int) -> list[Message]:
         """Run the timers and hand over all messages to send now."""

@@ -39,6 +39,13 @@ class RateWatch:
         if message_id in self._counts:
             self._counts[message_id] += 1
 
+    def due_ns(self, unknown: Sequence[int]) -> int:
+        """When `poll` has something to do again."""
+        if self._short:
+            return 0
+        window_ns = self._window_ns + WINDOW_NS
+        return min(window_ns, self._once_asked_ns + ONCE_RETRY_NS) if unknown else window_ns
+
     def poll(self, unknown: Sequence[int], now_ns: int) -> tuple[list[Message], list[int]]:
         """Messages to send now, and the ids whose rate had fallen short; `unknown` ids are needed once."""
         out: list[Message] = []

@@ -201,6 +201,15 @@ class Vehicle:
         # the pilot wins: then we ask for telemetry and for nothing else
         return out if self.launch.phase is Phase.PILOT else out + commands
 
+    def due_ns(self, now_ns: int) -> int:
+        """When `poll` has something to do again, unless something arrives or is commanded first."""
+        machines = (self.launch, self.modes, self.transfer, self.guided, self.retask, self.commands)
+        due_ns = min([machine.due_ns for machine in machines])
+        if due_ns <= now_ns or self._waits_for_current(now_ns):
+            return 0
+        silent_ns = min(self._heard_ns + SILENT_NS, self.seen.heartbeat_ns + HEARTBEAT_LOST_NS) + 1
+        return min(due_ns, self._rates.due_ns(self.seen.unknown), silent_ns if self.connected(now_ns) else due_ns)
+
     def _waits_for_current(self, now_ns: int) -> bool:
         """Whether it may be driving the remembered mission, and has not told yet."""
         waits = bool(self._remembered) and self.seen.current is None

@@ -90,7 +90,7 @@ def window_origin(belief: ByteGrid, cell: Cell, sequence: int) -> Cell:
 
 def known_targets(belief: ByteGrid) -> Cells:
     """Targets seen and not yet localized: int16 [m, 2], sorted by x, then y."""
-    return np.argwhere(belief == _TARGET).astype(np.int16)
+    return np.array((belief == _TARGET).nonzero(), dtype=np.int16).T.copy()
 
 
 def unknown(belief: ByteGrid) -> BoolGrid:

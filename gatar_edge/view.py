@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -104,15 +104,24 @@ def without(view: View, cells: Iterable[Cell]) -> View:
 
 def hop_counts(robots: Sequence[RobotState], r_comm: float, hop_limit: int) -> Hops:
     """Hops between robots in the radius graph (eq. 4 of the paper: within `r_comm` cells, Euclidean): int8 [N, N]."""
-    x, y = np.array([robot.cell for robot in robots], dtype=np.float64).T
-    near = (x[:, None] - x) ** 2 + (y[:, None] - y) ** 2 <= r_comm * r_comm
-    hops = np.where(near, 1, -1).astype(np.int8)
+    cells = np.array([robot.cell for robot in robots], dtype=np.float64)
+    products = cells @ cells.T  # of whole numbers: exact, and so are the squares of distances below
+    squares = products.diagonal()
+    near = squares[:, None] + squares - 2 * products <= r_comm * r_comm
+    links = near.astype(np.float32)  # counts of at most N, exact in single precision
+    reached, within = links, near.astype(np.int16)  # in how many of the limits up to `hop_limit` a robot is reached
+    for _ in range(2, hop_limit + 1):
+        reached = (reached @ links > 0).astype(np.float32)
+        within += reached > 0
+    hops = _hops_within(hop_limit)[within]
     np.fill_diagonal(hops, 0)
-    links, reached = near.astype(np.float32), near  # counts of at most N, exact in single precision
-    for hop in range(2, hop_limit + 1):
-        reached = (reached.astype(np.float32) @ links) > 0
-        hops[reached & (hops < 0)] = hop
     return hops
+
+
+@cache
+def _hops_within(hop_limit: int) -> Hops:
+    """Hops by the number of limits, 1 to `hop_limit`, that they keep within."""
+    return np.array([-1, *range(max(1, hop_limit), 0, -1)], dtype=np.int8)
 
 
 def target_legs(view: View, kind: RobotKind) -> npt.NDArray[np.float64]:
