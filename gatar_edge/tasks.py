@@ -143,8 +143,8 @@ def _still_good(view: View, goal: Cell, task: Task) -> bool:
 
 
 def _index_of(view: View, cell: Cell) -> int:
-    found = np.flatnonzero((view.targets == np.array(cell)).all(axis=1))
-    return int(found[0]) if found.size else NO_TARGET
+    targets, wanted = view.targets.tolist(), [*cell]
+    return targets.index(wanted) if wanted in targets else NO_TARGET
 
 
 def _cell(view: View, index: int) -> Cell:

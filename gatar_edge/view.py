@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gatar_edge.belief import known_targets
-from gatar_edge.grid import UNREACHABLE, passable, path_lengths
+from gatar_edge.grid import UNREACHABLE, lengths_from, passable, path_lengths
 from gatar_edge.types import ByteGrid, Cell, Cells, IntGrid, RobotKind, RobotState
 
 Hops = npt.NDArray[np.int8]
@@ -59,8 +59,8 @@ def build_view(
 
 def distances_of(robots: Sequence[RobotState], belief: ByteGrid) -> IntGrid:
     """Steps from each robot to each cell: int32 [N, W, H], -1 unreachable."""
-    free = passable(RobotKind.UGV, belief)  # of a UAV's way, `path_lengths` asks for nothing but the grid's shape
-    lengths = [path_lengths(robot.kind, robot.cell, free) for robot in robots]
+    free = passable(RobotKind.UGV, belief)  # of a UAV's way nothing is asked but the grid's shape
+    lengths = lengths_from([(robot.kind, robot.cell) for robot in robots], free)
     return np.concatenate(lengths).reshape(-1, *belief.shape)
 
 
@@ -104,7 +104,12 @@ def without(view: View, cells: Iterable[Cell]) -> View:
 
 def hop_counts(robots: Sequence[RobotState], r_comm: float, hop_limit: int) -> Hops:
     """Hops between robots in the radius graph (eq. 4 of the paper: within `r_comm` cells, Euclidean): int8 [N, N]."""
-    cells = np.array([robot.cell for robot in robots], dtype=np.float64)
+    return _hops_between(tuple([robot.cell for robot in robots]), r_comm, hop_limit)
+
+
+@lru_cache(maxsize=64)  # for a tick or two nobody may leave its cell
+def _hops_between(places: tuple[Cell, ...], r_comm: float, hop_limit: int) -> Hops:
+    cells = np.array(places, dtype=np.float64)
     products = cells @ cells.T  # of whole numbers: exact, and so are the squares of distances below
     squares = products.diagonal()
     near = squares[:, None] + squares - 2 * products <= r_comm * r_comm
@@ -115,6 +120,7 @@ def hop_counts(robots: Sequence[RobotState], r_comm: float, hop_limit: int) -> H
         within += reached > 0
     hops = _hops_within(hop_limit)[within]
     np.fill_diagonal(hops, 0)
+    hops.flags.writeable = False
     return hops
 
 

@@ -57,4 +57,5 @@ def scores_of(times: npt.NDArray[np.float64]) -> Floats:
 
 def in_id_order(view: View) -> npt.NDArray[np.int64]:
     """Rows of the view sorted by robot id: every robot of a graph breaks ties in this order."""
-    return np.argsort([robot.robot_id for robot in view.robots], kind="stable")
+    ids = [robot.robot_id for robot in view.robots]
+    return np.array(sorted(range(len(ids)), key=ids.__getitem__), dtype=np.int64)
