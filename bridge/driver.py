@@ -72,7 +72,8 @@ class VehicleDriver:
         self._failed_ns: int | None = None  # since when the pursuit fails
         self._retasks = 0
         self._heart = Heart(config.heartbeat_hz, config.critical_s, now_ns)
-        self._due_ns = 0  # before it nothing is to be done, unless something comes between
+        self._stirred = True  # something came since the last poll
+        self._due_ns: int | None = None  # when `poll` is needed next if nothing comes; None: not worked out
         self._events: deque[DriverEvent] = deque(maxlen=MAX_EVENTS)
         self._frames: deque[FrameRecord] = deque(maxlen=MAX_FRAMES)
 
@@ -83,7 +84,7 @@ class VehicleDriver:
         for frame in self._codec.parse(data):
             if frame.source[0] != self.config.sysid:
                 continue
-            self._due_ns = 0
+            self._stirred = True
             if self.config.log_frames and frame.message_id != dialect.MessageId.SETUP_SIGNING:
                 self._frames.append(FrameRecord(now_ns, False, frame.raw))
             if self._vehicle is None:
@@ -93,7 +94,6 @@ class VehicleDriver:
 
     def command(self, wanted: VehicleCommand, now_ns: int) -> VehicleCommand:
         """Want this from now on. Returns what passed the gate and is pursued; the same again changes nothing."""
-        self._due_ns = 0
         passed = gate(wanted, self._known(now_ns), self._limits)
         self._refused_goal = isinstance(passed, Hold) and passed.reason in GOAL_REFUSALS
         if passed not in (wanted, self._pursued) and isinstance(passed, Hold):
@@ -108,14 +108,14 @@ class VehicleDriver:
             self._retasks += passed != self._pursued
             self._retasked_ns = now_ns
         self._pursued, self._failed_ns, self._start_cell = passed, None, self._cell()
-        self._memory = NOTHING
+        self._memory, self._stirred = NOTHING, True
         self._tell(now_ns, EventKind.COMMAND, str(passed))
         self._applied = self._vehicle is not None and self._vehicle.pursue(passed, now_ns)
         return passed
 
     def poll(self, now_ns: int) -> bytes:
         """All bytes to send now. Call it from the working loop: it is what proves to the vehicle that we live."""
-        if now_ns < self._due_ns:
+        if not self._stirred and now_ns < self._next_due_ns(now_ns):
             return b""
         if self._codec.signing is not None:
             self._codec.signing.advance(self._signing_base + now_ns // TICK_NS)
@@ -127,7 +127,7 @@ class VehicleDriver:
             if vehicle.launch.phase is Phase.PILOT and not isinstance(self._pursued, Hold):
                 self._pursued, self._applied = Hold(Refusal.PILOT.value), False
             self._watch_connection(vehicle.connected(now_ns), now_ns)
-        self._due_ns = 0 if out else self._next_due_ns(now_ns)
+        self._stirred, self._due_ns = bool(out), None
         return b"".join([self._encode(message, now_ns) for message in out]) if out else b""
 
     def neighbors(self, positions: tuple[Place, ...]) -> None:
@@ -136,28 +136,29 @@ class VehicleDriver:
 
     def launch(self) -> None:
         """Arm and take off when possible, where `auto_launch` is off."""
-        self._launch, self._due_ns = True, 0
+        self._launch = self._stirred = True
 
     def return_home(self, now_ns: int) -> bool:
         """Let the vehicle return by its own mode; true once its heartbeat shows that, or it does not obey us anyway."""
-        vehicle, self._due_ns = self._vehicle, 0
+        vehicle = self._vehicle
         if vehicle is None or vehicle.returning or not vehicle.ready(now_ns):
             return True
         home = Hold("returning to launch")
         if self._pursued != home and vehicle.return_home(now_ns):
-            self._pursued, self._applied = home, True
+            self._pursued, self._applied, self._stirred = home, True, True
             self._tell(now_ns, EventKind.COMMAND, home.reason)
         return False
 
     def enable(self, now_ns: int) -> None:
         """Command again after a pilot had control."""
-        self._due_ns = 0
+        self._stirred = True
         if self._vehicle is not None:
             self._vehicle.enable(now_ns)
 
     def health(self, critical: bool) -> None:
         """Tell that the robot's own loop fails: the heartbeat says CRITICAL, and after `critical_s` falls silent."""
-        self._heart.critical, self._due_ns = critical, 0
+        self._heart.critical = critical
+        self._stirred = True
 
     def memory(self) -> DriverMemory:
         """What the next process needs to go on, if this one is killed."""
@@ -261,7 +262,7 @@ class VehicleDriver:
         if passed != before and not self._is_rest(passed, before, start):
             return False
         self._pursued, self._start_cell, self._applied = before, start, True
-        self._memory = NOTHING
+        self._memory, self._stirred = NOTHING, True
         vehicle.resume(before, now_ns)
         self._tell(now_ns, EventKind.COMMAND, f"going on: {before}")
         return True
@@ -293,11 +294,10 @@ class VehicleDriver:
         return is_rest(passed.cells, whole.cells, start, here)
 
     def _next_due_ns(self, now_ns: int) -> int:
-        """Until when `poll` has nothing to do, if nothing comes between: asked ever so often, it looks no further."""
-        if self._codec.signing is not None:  # its clock goes on at each poll
-            return 0
-        due_ns = self._heart.due_ns
-        return due_ns if self._vehicle is None else min(due_ns, self._vehicle.due_ns(now_ns))
+        if self._due_ns is None:
+            due_ns = self._heart.due_ns if self._codec.signing is None else 0  # whose clock goes on at each poll
+            self._due_ns = due_ns if self._vehicle is None else min(due_ns, self._vehicle.due_ns(now_ns))
+        return self._due_ns
 
     def _watch_connection(self, connected: bool, now_ns: int) -> None:
         if connected != self._connected:
