@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Literal
@@ -47,7 +48,6 @@ FLUSH_NS = NS_PER_S
 SYNC_NS = 5 * NS_PER_S
 STATIC_NS = 2 * NS_PER_S
 RUN_INFO_NS = 30 * NS_PER_S
-MAX_PENDING_BYTES = 1024 * 1024
 LARGE_MAP_CELLS = 64 * 1024  # larger maps are repeated as seldom as the run info
 
 _log = logging.getLogger(__name__)
@@ -132,7 +132,7 @@ class Recorder:
     def vehicle(self, robot_id: int, state: VehicleState, now_ns: int) -> None:
         """What the bridge knows of the autopilot."""
         self._json(ch.VEHICLE, ch.VehicleRecord(robot_id, state), now_ns, robot_id, state.t_ns)
-        if state.position_t_ns >= 0 and np.isfinite((state.lat_deg, state.lon_deg)).all():
+        if state.position_t_ns >= 0 and math.isfinite(state.lat_deg) and math.isfinite(state.lon_deg):
             self._write(ch.FIX, foxglove.location(state, robot_id), now_ns, robot_id, state.position_t_ns)
 
     def mavlink(self, robot_id: int, direction: Literal["rx", "tx"], frame: bytes, now_ns: int) -> None:
@@ -255,23 +255,18 @@ class Recorder:
         self._now_ns = max(self._now_ns, now_ns)  # readers rely on a log time that never goes back
         self.messages += 1
         try:
-            self._writer.add_message(
-                self._topic(channel, robot_id), self._now_ns, data, source_ns if source_ns >= 0 else now_ns
-            )
-            if self._stream.pending > MAX_PENDING_BYTES:
-                self._stream.flush()
+            topic = self._topics.get((channel.topic, robot_id)) or self._new_topic(channel, robot_id)
+            self._writer.add_message(topic, self._now_ns, data, source_ns if source_ns >= 0 else now_ns)
         except OSError as error:
             self._stop(error)
 
-    def _topic(self, channel: ch.Channel, robot_id: int) -> int:
-        key = (channel.topic, robot_id)
-        if key not in self._topics:
-            if channel.schema not in self._schemas:
-                self._schemas[channel.schema] = self._register(channel)
-            self._topics[key] = self._writer.register_channel(
-                channel.of(robot_id), channel.encoding.value, self._schemas[channel.schema]
-            )
-        return self._topics[key]
+    def _new_topic(self, channel: ch.Channel, robot_id: int) -> int:
+        if channel.schema not in self._schemas:
+            self._schemas[channel.schema] = self._register(channel)
+        schema = self._schemas[channel.schema]
+        topic = self._writer.register_channel(channel.of(robot_id), channel.encoding.value, schema)
+        self._topics[channel.topic, robot_id] = topic
+        return topic
 
     def _register(self, channel: ch.Channel) -> int:
         encoding, definition = "", b""  # MAVLink frames describe themselves

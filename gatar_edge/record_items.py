@@ -7,6 +7,7 @@ import struct
 import zlib
 from collections import Counter
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import msgspec
@@ -84,6 +85,7 @@ def command_record(command: VehicleCommand) -> dict[str, Any]:
             return {"type": "hold", "reason": reason}
 
 
+@lru_cache(maxsize=128)  # in a simulator all in range log the same
 def radio_item(datagram: bytes, way: ch.RadioWay, outcome: str, now_ns: int, keep: bool) -> ch.RadioItem:
     """One datagram as the log holds it, its bytes only where `keep`; its claims where it is a message."""
     data = base64.b64encode(datagram).decode() if keep else ""
