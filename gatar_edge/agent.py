@@ -105,6 +105,7 @@ class Agent:
         self._fallback = Greedy()
         self._observation: Observation | None = None
         self.has_vehicle = True  # set false by the caller while the vehicle cannot be commanded
+        self._looked: ByteGrid | None = None  # the belief that held all that was seen
         self._merged: tuple[ByteGrid, Cell, ByteGrid] | None = (
             None  # a belief, and origin and window that added nothing
         )
@@ -137,9 +138,10 @@ class Agent:
         return Outbox(decision, command, self.beacon(now_ns), relays, self.negotiate(now_ns))
 
     def observe(self, observation: Observation) -> None:
-        """Take in what the robot sees."""
-        self._observation = observation
-        self.belief = observed(self.belief, observation)
+        """Take in what the robot sees; the same as before adds nothing to the same belief."""
+        before, self._observation = self._observation, observation
+        if before is None or self._looked is not self.belief or not _same_sight(before, observation):
+            self.belief = self._looked = observed(self.belief, observation)
 
     def hear(self, datagram: bytes, now_ns: int) -> Heard:
         """Take in bytes from the radio; the answer may hold a relay to send on. Never raises for what was sent."""
@@ -301,6 +303,16 @@ class Agent:
             candidates=(),
             choices=(),
         )
+
+
+def _same_sight(one: Observation, other: Observation) -> bool:
+    """Whether two observations show the same by being made of the same arrays, as the simulator's are."""
+    return (
+        one.cell == other.cell
+        and one.seen is other.seen
+        and one.obstacles is other.obstacles
+        and one.targets is other.targets
+    )
 
 
 def _state_of(neighbor: Neighbor, now_ns: int) -> RobotState:

@@ -22,7 +22,7 @@ class RecordStream:
         self._closed = False
 
     def write(self, data: bytes) -> int:
-        """Collect whole records: they reach the file at the next `flush`, or, which raises OSError, once they are many."""
+        """Collect whole records; they reach the file at the next `flush` or, where many wait, now. Raises OSError."""
         self._pending += data
         if len(self._pending) > MAX_PENDING_BYTES:
             self.flush()

@@ -42,9 +42,11 @@ class RadioBuffer:
 
     def heard(self, datagram: bytes, outcome: str, now_ns: int) -> None:
         """One datagram that was heard, and what became of it."""
-        if outcome in EFFECTIVE:
+        if outcome in COMMONPLACE:
+            self.ignored[outcome] += 1
+        elif outcome in EFFECTIVE:
             self.items.append(radio_item(datagram, ch.RadioWay.HEARD, outcome, now_ns, keep=True))
-        elif outcome in COMMONPLACE or self.refused >= MAX_REFUSED:
+        elif self.refused >= MAX_REFUSED:
             self.ignored[outcome] += 1
         else:
             self.refused += 1

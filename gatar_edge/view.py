@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
+from operator import attrgetter
 
 import numpy as np
 import numpy.typing as npt
@@ -46,7 +47,7 @@ def build_view(
     absent: tuple[RobotState, ...] = (),
 ) -> View:
     """The view of `ego`, with at most `most` targets: the nearest to ego where more are known."""
-    robots = (ego, *sorted(others, key=lambda robot: robot.robot_id))
+    robots = (ego, *sorted(others, key=_robot_id))
     distances = distances_of(robots, belief)
     targets = known_targets(belief)
     if len(targets) > most:
@@ -55,6 +56,9 @@ def build_view(
         targets = targets[np.sort(nearest)]
     lengths = distances[:, targets[:, 0], targets[:, 1]]
     return View(now_ns, robots, hop_counts(robots, r_comm, hop_limit), belief, targets, distances, lengths, absent)
+
+
+_robot_id = attrgetter("robot_id")
 
 
 def distances_of(robots: Sequence[RobotState], belief: ByteGrid) -> IntGrid:

@@ -34,6 +34,7 @@ from gatar_edge.types import (
     Cell,
     Decision,
     Observation,
+    RobotKind,
     TaskKind,
     VehicleCommand,
 )
@@ -254,8 +255,9 @@ class Fleet:
             start_ns = time.perf_counter_ns()
             out = robot.agent.tick(its_ns, Inbox(seen))
             latency_ns = time.perf_counter_ns() - start_ns
-            heard = robot.agent.neighbors.fresh(its_ns, cell)
-            robot.driver.neighbors(occupied(robot.robot_id, robot.kind, heard, self.config.agent.grid))
+            if robot.kind is RobotKind.UGV:  # UAVs fly in layers
+                heard = robot.agent.neighbors.fresh(its_ns, cell)
+                robot.driver.neighbors(occupied(robot.robot_id, robot.kind, heard, self.config.agent.grid))
             sent = robot.driver.command(out.command, now_ns)
             self.tally.decided(out.decision, latency_ns)
             decisions.append(out.decision)

@@ -60,6 +60,11 @@ def _slow_checksum(data: bytes) -> int:
 _checksum: Callable[[bytes], int] = getattr(mavlink, "mcrf4xx", None) or _slow_checksum  # fastcrc, where it is there
 
 
+def _is_one_frame(data: bytes) -> bool:
+    """Whether `data` claims to be one unsigned frame of MAVLink 2."""
+    return len(data) >= 12 and data[0] == 0xFD and not data[2] and len(data) == 12 + data[1]
+
+
 class Wire:
     """Bytes to messages and back for one vehicle. Never raises for what it is fed."""
 
@@ -98,6 +103,8 @@ class Wire:
 
     def parse(self, data: bytes) -> list[Message]:
         """All whole messages in `data` and what was left from before; broken ones are counted and dropped."""
+        if self._codec.signing.secret_key is None and not self._codec.buf_len() and _is_one_frame(data):
+            return self._decode(data)
         messages: list[Message] = []
         chunk: bytes = data[:_PER_CALL_MAX_BYTES]
         for _ in range(len(chunk) + _FRAME_MAX_BYTES):  # each turn takes at least one byte out of the buffer
@@ -117,6 +124,17 @@ class Wire:
             else:
                 messages.append(message)
         return messages
+
+    def _decode(self, frame: bytes) -> list[Message]:
+        """`parse` of the usual datagram, without pymavlink's search for where frames begin and end."""
+        try:
+            message = self._codec.decode(bytearray(frame))
+        except (mavlink.MAVError, struct.error, ValueError, TypeError, LookupError):
+            message = None
+        if message is None or message.get_msgId() < 0:
+            self.rejected += 1
+            return []
+        return [message]
 
     def pack(self, send: Send) -> bytes:
         """One message as a MAVLink 2 frame, numbered after the one before."""
