@@ -75,8 +75,15 @@ class Codec:
 def _with_flags(frame: bytes, flags: int, crc_extra: int) -> bytes:
     """A MAVLink 2 frame without signature under other incompatibility flags, and so another checksum."""
     body = frame[1:2] + bytes([flags]) + frame[3:-2]
-    checksum: int = mavlink.x25crc(body + bytes([crc_extra])).crc
-    return frame[:1] + body + checksum.to_bytes(2, "little")
+    return frame[:1] + body + _checksum(body + bytes([crc_extra])).to_bytes(2, "little")
+
+
+def _slow_checksum(data: bytes) -> int:
+    checksum: int = mavlink.x25crc(data).crc
+    return checksum
+
+
+_checksum: Callable[[bytes], int] = getattr(mavlink, "mcrf4xx", None) or _slow_checksum  # fastcrc, where it is there
 
 
 def strip_signature(frame: bytes) -> bytes:
@@ -199,7 +206,7 @@ def _plain_frame(data: bytes) -> Received | None:
         return None
     number = data[7] | data[8] << 8 | data[9] << 16
     layout = _LAYOUTS.get(number)
-    if layout is None or mavlink.x25crc(data[1:-2] + layout.crc_extra).crc != data[-2] | data[-1] << 8:
+    if layout is None or _checksum(data[1:-2] + layout.crc_extra) != data[-2] | data[-1] << 8:
         return None
     message = None
     if layout.read is not None:

@@ -12,6 +12,7 @@ from gatar_edge.bridge.dialect import CommandResult
 from gatar_edge.bridge.wire import Address, CommandAck, CommandInt, CommandLong, Message
 from gatar_edge.types import NS_PER_S
 
+NEVER_NS = 1 << 62  # of what only a message or a command sets going
 RETRY_NS = NS_PER_S
 TRIES = 5
 
@@ -73,9 +74,16 @@ class CommandClient:
         if result not in _UNDER_WAY:
             pending.result = result
 
+    @property
+    def due_ns(self) -> int:
+        """When `poll` has something to do again, unless something arrives or is commanded first."""
+        return min((p.sent_ns + RETRY_NS for p in self._pending.values() if p.result is None), default=NEVER_NS)
+
     def poll(self, now_ns: int) -> list[Message]:
         """All commands due now."""
         due: list[Message] = []
+        if not self._pending:
+            return due
         for pending in self._pending.values():
             if pending.result is not None or (now_ns - pending.sent_ns < RETRY_NS and pending.sends):
                 continue

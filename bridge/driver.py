@@ -72,6 +72,8 @@ class VehicleDriver:
         self._failed_ns: int | None = None  # since when the pursuit fails
         self._retasks = 0
         self._heart = Heart(config.heartbeat_hz, config.critical_s, now_ns)
+        self._stirred = True  # something came since the last poll
+        self._due_ns: int | None = None  # when `poll` is needed next if nothing comes; None: not worked out
         self._events: deque[DriverEvent] = deque(maxlen=MAX_EVENTS)
         self._frames: deque[FrameRecord] = deque(maxlen=MAX_FRAMES)
 
@@ -82,6 +84,7 @@ class VehicleDriver:
         for frame in self._codec.parse(data):
             if frame.source[0] != self.config.sysid:
                 continue
+            self._stirred = True
             if self.config.log_frames and frame.message_id != dialect.MessageId.SETUP_SIGNING:
                 self._frames.append(FrameRecord(now_ns, False, frame.raw))
             if self._vehicle is None:
@@ -105,24 +108,27 @@ class VehicleDriver:
             self._retasks += passed != self._pursued
             self._retasked_ns = now_ns
         self._pursued, self._failed_ns, self._start_cell = passed, None, self._cell()
-        self._memory = NOTHING
+        self._memory, self._stirred = NOTHING, True
         self._tell(now_ns, EventKind.COMMAND, str(passed))
         self._applied = self._vehicle is not None and self._vehicle.pursue(passed, now_ns)
         return passed
 
     def poll(self, now_ns: int) -> bytes:
         """All bytes to send now. Call it from the working loop: it is what proves to the vehicle that we live."""
+        if not self._stirred and now_ns < self._next_due_ns(now_ns):
+            return b""
         if self._codec.signing is not None:
             self._codec.signing.advance(self._signing_base + now_ns // TICK_NS)
-        out: list[wire.Message] = self._heart.poll(now_ns)
-        if self._vehicle is not None:
-            out += self._vehicle.poll(now_ns, self._launch)
-            self._events.extend(self._vehicle.events)
-            self._vehicle.events.clear()
-            if self._vehicle.launch.phase is Phase.PILOT and not isinstance(self._pursued, Hold):
+        out, vehicle = self._heart.poll(now_ns), self._vehicle
+        if vehicle is not None:
+            out += vehicle.poll(now_ns, self._launch)
+            self._events.extend(vehicle.events)
+            vehicle.events.clear()
+            if vehicle.launch.phase is Phase.PILOT and not isinstance(self._pursued, Hold):
                 self._pursued, self._applied = Hold(Refusal.PILOT.value), False
-            self._watch_connection(self._vehicle.connected(now_ns), now_ns)
-        return b"".join([self._encode(message, now_ns) for message in out])
+            self._watch_connection(vehicle.connected(now_ns), now_ns)
+        self._stirred, self._due_ns = bool(out), None
+        return b"".join([self._encode(message, now_ns) for message in out]) if out else b""
 
     def neighbors(self, positions: tuple[Place, ...]) -> None:
         """Where other robots are, or go to with the right of way: commands keep `min_separation_m` from them."""
@@ -130,7 +136,7 @@ class VehicleDriver:
 
     def launch(self) -> None:
         """Arm and take off when possible, where `auto_launch` is off."""
-        self._launch = True
+        self._launch = self._stirred = True
 
     def return_home(self, now_ns: int) -> bool:
         """Let the vehicle return by its own mode; true once its heartbeat shows that, or it does not obey us anyway."""
@@ -139,18 +145,20 @@ class VehicleDriver:
             return True
         home = Hold("returning to launch")
         if self._pursued != home and vehicle.return_home(now_ns):
-            self._pursued, self._applied = home, True
+            self._pursued, self._applied, self._stirred = home, True, True
             self._tell(now_ns, EventKind.COMMAND, home.reason)
         return False
 
     def enable(self, now_ns: int) -> None:
         """Command again after a pilot had control."""
+        self._stirred = True
         if self._vehicle is not None:
             self._vehicle.enable(now_ns)
 
     def health(self, critical: bool) -> None:
         """Tell that the robot's own loop fails: the heartbeat says CRITICAL, and after `critical_s` falls silent."""
         self._heart.critical = critical
+        self._stirred = True
 
     def memory(self) -> DriverMemory:
         """What the next process needs to go on, if this one is killed."""
@@ -163,12 +171,16 @@ class VehicleDriver:
 
     def events(self) -> tuple[DriverEvent, ...]:
         """What happened since the last call."""
+        if not self._events:
+            return ()
         events = tuple(self._events)
         self._events.clear()
         return events
 
     def frames(self) -> tuple[FrameRecord, ...]:
         """Raw frames both ways since the last call; SETUP_SIGNING is never among them."""
+        if not self._frames:
+            return ()
         frames = tuple(self._frames)
         self._frames.clear()
         return frames
@@ -250,7 +262,7 @@ class VehicleDriver:
         if passed != before and not self._is_rest(passed, before, start):
             return False
         self._pursued, self._start_cell, self._applied = before, start, True
-        self._memory = NOTHING
+        self._memory, self._stirred = NOTHING, True
         vehicle.resume(before, now_ns)
         self._tell(now_ns, EventKind.COMMAND, f"going on: {before}")
         return True
@@ -280,6 +292,12 @@ class VehicleDriver:
         if not isinstance(passed, Mission) or not isinstance(whole, Mission) or start is None or here is None:
             return False
         return is_rest(passed.cells, whole.cells, start, here)
+
+    def _next_due_ns(self, now_ns: int) -> int:
+        if self._due_ns is None:
+            due_ns = self._heart.due_ns if self._codec.signing is None else 0  # whose clock goes on at each poll
+            self._due_ns = due_ns if self._vehicle is None else min(due_ns, self._vehicle.due_ns(now_ns))
+        return self._due_ns
 
     def _watch_connection(self, connected: bool, now_ns: int) -> None:
         if connected != self._connected:

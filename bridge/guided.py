@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from enum import Enum
 
-from gatar_edge.bridge.commands import CommandClient
+from gatar_edge.bridge.commands import NEVER_NS, CommandClient
 from gatar_edge.bridge.dialect import Command, CommandResult
 from gatar_edge.bridge.geo import deg_e7
 from gatar_edge.bridge.modes import ModeKeeper
@@ -106,6 +106,13 @@ class Guided:
         """Send nothing more."""
         self.commands.forget(Command.DO_REPOSITION)
         self.step, self.status = Step.IDLE, Status.IDLE
+
+    @property
+    def due_ns(self) -> int:
+        """When `poll` has something to do again, unless something arrives or is commanded first."""
+        if self.step is Step.GOING and not self._hold:
+            return self._progress.due_ns
+        return 0 if self.step in (Step.ASKED, Step.ECHO) else NEVER_NS
 
     def poll(self, seen: Telemetry, now_ns: int) -> None:
         """Read the vehicle's answers and ask again where they are missing."""

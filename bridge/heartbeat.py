@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import ceil
+
 from gatar_edge.bridge import dialect, wire
 from gatar_edge.types import NS_PER_S
 
@@ -15,6 +17,11 @@ class Heart:
         self._critical_limit_ns = critical_s * NS_PER_S
         self._critical_ns: int | None = None  # since when
         self._beat_ns = now_ns - round(self._period_ns)
+
+    @property
+    def due_ns(self) -> int:
+        """When `poll` has something to do again."""
+        return 0 if self.critical or self._critical_ns is not None else self._beat_ns + ceil(self._period_ns)
 
     def poll(self, now_ns: int) -> list[wire.Message]:
         """The heartbeat, where one is due."""

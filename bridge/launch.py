@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from enum import Enum
 
-from gatar_edge.bridge.commands import CommandClient
+from gatar_edge.bridge.commands import NEVER_NS, CommandClient
 from gatar_edge.bridge.dialect import LANDED_ON_GROUND, Command
 from gatar_edge.bridge.modes import ModeKeeper
 from gatar_edge.bridge.profiles.base import Profile, Takeoff
@@ -99,6 +99,11 @@ class Launch:
             self.modes.want(self.profile.mission_mode)  # ours: leaving it is somebody else's doing
         elif to in (Phase.PILOT, Phase.READY):
             self.modes.want(None)
+
+    @property
+    def due_ns(self) -> int:
+        """When `poll` has something to do again, unless something arrives or is commanded first."""
+        return NEVER_NS if self.phase in (Phase.READY, Phase.PILOT) else 0
 
     def poll(self, seen: Telemetry, now_ns: int) -> None:
         """Take the next step if the vehicle shows that the last one is done."""

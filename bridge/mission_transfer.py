@@ -16,6 +16,7 @@ from collections import deque
 from collections.abc import Callable
 
 from gatar_edge.bridge import wire
+from gatar_edge.bridge.commands import NEVER_NS
 from gatar_edge.bridge.dialect import MissionResult
 from gatar_edge.bridge.mission_items import MAX_ITEMS, Items, fingerprint, same_mission
 from gatar_edge.bridge.mission_states import ACK_EVENTS, REFUSALS, TRANSITIONS, Event, Result, Step
@@ -111,14 +112,20 @@ class MissionClient:
             case wire.MissionItemAt(target=self.me, mission_type=0):
                 self._on_item(message, now_ns)
 
+    @property
+    def due_ns(self) -> int:
+        """When `poll` has something to do again, unless something arrives or is commanded first."""
+        return 0 if self.active or self._out else NEVER_NS
+
     def poll(self, now_ns: int) -> list[Message]:
         """Run the timers and hand over all messages to send now."""
-        if self.active:
+        if self.step is not Step.IDLE:
             self._run_timers(now_ns)
+        if not self._out:
+            return []
         out = list(self._out)
         self._out.clear()
-        if out:
-            self._traffic_ns = now_ns
+        self._traffic_ns = now_ns
         return out
 
     def _begin(self, goal: Event, now_ns: int, items: Items) -> None:

@@ -6,7 +6,7 @@ The pilot wins: a change that we did not ask for, and that is none of the vehicl
 
 from __future__ import annotations
 
-from gatar_edge.bridge.commands import CommandClient
+from gatar_edge.bridge.commands import NEVER_NS, CommandClient
 from gatar_edge.bridge.dialect import CUSTOM_MODE_FLAG, Command
 from gatar_edge.bridge.profiles.base import Profile
 from gatar_edge.types import NS_PER_S
@@ -59,6 +59,11 @@ class ModeKeeper:
         """Another command of ours (DO_REPOSITION) brings the vehicle into `mode`."""
         self._want, self._expected = None, mode
         self._asked_ns[mode] = now_ns
+
+    @property
+    def due_ns(self) -> int:
+        """When `poll` has something to do again, unless something arrives or is commanded first."""
+        return NEVER_NS if self._want is None or self._want == self._mode or self.pilot is not None else 0
 
     def poll(self, now_ns: int) -> None:
         """Ask for the wanted mode again if the heartbeat does not show it."""

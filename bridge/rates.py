@@ -39,8 +39,16 @@ class RateWatch:
         if message_id in self._counts:
             self._counts[message_id] += 1
 
+    def due_ns(self, unknown: Sequence[int]) -> int:
+        """When `poll` has something to do again."""
+        if self._short:
+            return 0
+        window_ns = self._window_ns + WINDOW_NS
+        return min(window_ns, self._once_asked_ns + ONCE_RETRY_NS) if unknown else window_ns
+
     def poll(self, unknown: Sequence[int], now_ns: int) -> tuple[list[Message], list[int]]:
         """Messages to send now, and the ids whose rate had fallen short; `unknown` ids are needed once."""
+        out: list[Message] = []
         short: list[int] = []
         if now_ns - self._window_ns >= WINDOW_NS:
             window_s = (now_ns - self._window_ns) / NS_PER_S
@@ -48,8 +56,9 @@ class RateWatch:
             self._short += short
             self._counts = dict.fromkeys(WANTED_HZ, 0)
             self._window_ns = now_ns
-        out: list[Message] = [self._long(Command.SET_MESSAGE_INTERVAL, i, 1e6 / WANTED_HZ[i]) for i in self._short]
-        self._short = []
+        if self._short:
+            out += [self._long(Command.SET_MESSAGE_INTERVAL, i, 1e6 / WANTED_HZ[i]) for i in self._short]
+            self._short = []
         if unknown and now_ns - self._once_asked_ns >= ONCE_RETRY_NS:
             self._once_asked_ns = now_ns
             out += [self._long(Command.REQUEST_MESSAGE, i, 0.0) for i in unknown]

@@ -10,7 +10,7 @@ from __future__ import annotations
 from enum import Enum
 
 from gatar_edge.bridge import wire
-from gatar_edge.bridge.commands import CommandClient
+from gatar_edge.bridge.commands import NEVER_NS, CommandClient
 from gatar_edge.bridge.dialect import Command, CommandResult
 from gatar_edge.bridge.mission_items import build
 from gatar_edge.bridge.mission_states import Result
@@ -138,6 +138,13 @@ class Retask:
         complete = seen.current is not None and seen.current.state == COMPLETE
         ends = (*self._points[-1:], *self._points_before[-1:])
         return complete or any(seen.distance_m(end) <= self._near_m for end in ends)
+
+    @property
+    def due_ns(self) -> int:
+        """When `poll` has something to do again, unless something arrives or is commanded first."""
+        if self.step is Step.DRIVE:
+            return self._progress.due_ns
+        return 0 if self.step in _WATCHERS else NEVER_NS
 
     def poll(self, seen: Telemetry, now_ns: int) -> list[Message]:
         """Read the vehicle's answers, go on, and hand over messages to send now."""

@@ -14,6 +14,8 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import Any
 
+import msgspec
+
 from gatar_edge.bridge.geo import Point, cell_centre_m, distance_to_segment_m, inside_grid, point_inside, segment_inside
 from gatar_edge.separation import Place
 from gatar_edge.types import Cell, Goto, GridSpec, Hold, Mission, VehicleCommand
@@ -54,8 +56,7 @@ class Limits:
     layer_m: float = 1.0  # neighbours that are this much higher or lower fly in another layer
 
 
-@dataclass(frozen=True, slots=True)
-class Known:
+class Known(msgspec.Struct, frozen=True):
     """What is known of the vehicle at `now_ns`."""
 
     now_ns: int

@@ -127,6 +127,11 @@ class Progress:
         """Begin anew."""
         self._best_m, self._best_ns = remaining_m, now_ns
 
+    @property
+    def due_ns(self) -> int:
+        """From when on an unchanged distance has stalled."""
+        return self._best_ns + self.timeout_ns
+
     def stalled(self, remaining_m: float, now_ns: int) -> bool:
         """Take the present distance; True once it has not shrunk for too long."""
         if remaining_m <= self._best_m - self.STEP_M:

@@ -121,18 +121,18 @@ class Vehicle:
         self._heard_ns = now_ns
         self._rates.count(frame.message_id)
         message = frame.message
-        if message is None or (not isinstance(message, TRANSFERS) and self._overtaken(frame, now_ns)):
+        if message is None:
             return
-        self.seen.update(message, now_ns)
-        if isinstance(message, wire.Heartbeat):
-            self._watch_mode(message, now_ns)
-        elif isinstance(message, wire.CommandAck):
+        if isinstance(message, wire.CommandAck):
             self.commands.receive(message)
-        elif isinstance(message, wire.StatusText):
-            if message.severity <= WORST_LOGGED_SEVERITY:
-                self._tell(now_ns, EventKind.STATUSTEXT, message.text)
-        else:
+        elif isinstance(message, TRANSFERS):
             self.transfer.receive(frame.source, message, now_ns)
+        elif not self._overtaken(frame, now_ns):
+            self.seen.update(message, now_ns)
+            if isinstance(message, wire.Heartbeat):
+                self._watch_mode(message, now_ns)
+            elif isinstance(message, wire.StatusText) and message.severity <= WORST_LOGGED_SEVERITY:
+                self._tell(now_ns, EventKind.STATUSTEXT, message.text)
 
     def pursue(self, command: Goto | Mission | Hold, now_ns: int) -> bool:
         """Make the vehicle do this from now on. False: nothing was sent, to one that does not obey us."""
@@ -156,10 +156,11 @@ class Vehicle:
     @property
     def driving(self) -> bool:
         """Whether it seems to be driving the mission that is remembered from before a restart."""
+        if not self._remembered:
+            return False
         seen, count = self.seen, len(self._remembered) - self.profile.first_item_seq
         return (
-            bool(self._remembered)
-            and seen.armed
+            seen.armed
             and seen.custom_mode == self.profile.mission_mode
             and seen.current is not None
             and seen.current.total in (count, *UNTOLD_TOTALS)
@@ -199,6 +200,18 @@ class Vehicle:
         self._tell_changes(now_ns)
         # the pilot wins: then we ask for telemetry and for nothing else
         return out if self.launch.phase is Phase.PILOT else out + commands
+
+    def due_ns(self, now_ns: int) -> int:
+        """When `poll` has something to do again, unless something arrives or is commanded first."""
+        due_ns = self._rates.due_ns(self.seen.unknown)
+        for machine in (self.launch, self.guided, self.retask, self.modes, self.transfer, self.commands):
+            due_ns = min(due_ns, machine.due_ns)
+            if due_ns <= now_ns:
+                return 0
+        if self._waits_for_current(now_ns):
+            return 0
+        silent_ns = min(self._heard_ns + SILENT_NS, self.seen.heartbeat_ns + HEARTBEAT_LOST_NS) + 1
+        return min(due_ns, silent_ns) if self.connected(now_ns) else due_ns
 
     def _waits_for_current(self, now_ns: int) -> bool:
         """Whether it may be driving the remembered mission, and has not told yet."""
@@ -250,12 +263,15 @@ class Vehicle:
         self.events.append(DriverEvent(now_ns, kind, text))
 
     def _tell_changes(self, now_ns: int) -> None:
-        phase, status = self._told
-        self._told = (self.launch.phase, self.status)
-        if self._told[0] is not phase:
-            self._tell(now_ns, EventKind.PHASE, self._told[0].value)
-        if self._told[1] is not status:
-            self._tell(now_ns, EventKind.STATUS, self._told[1].value + self._why())
+        told_phase, told_status = self._told
+        phase, status = self.launch.phase, self.status
+        if phase is told_phase and status is told_status:
+            return
+        self._told = (phase, status)
+        if phase is not told_phase:
+            self._tell(now_ns, EventKind.PHASE, phase.value)
+        if status is not told_status:
+            self._tell(now_ns, EventKind.STATUS, status.value + self._why())
 
     def _why(self) -> str:
         if self.status is Status.UPLOAD_FAILED and self.transfer.result is not None:

@@ -105,6 +105,10 @@ class Agent:
         self._fallback = Greedy()
         self._observation: Observation | None = None
         self.has_vehicle = True  # set false by the caller while the vehicle cannot be commanded
+        self._looked: ByteGrid | None = None  # the belief that held all that was seen
+        self._merged: tuple[ByteGrid, Cell, ByteGrid] | None = (
+            None  # a belief, and origin and window that added nothing
+        )
         self.shunned: frozenset[Cell] = frozenset()  # where the vehicle could not go lately: set by the caller
         self.shadow = False  # set true by the caller where nothing obeys: tell what is seen, claim nothing
         self._takes_part = True  # a robot that cannot move says so, and nobody allocates targets to it
@@ -134,9 +138,10 @@ class Agent:
         return Outbox(decision, command, self.beacon(now_ns), relays, self.negotiate(now_ns))
 
     def observe(self, observation: Observation) -> None:
-        """Take in what the robot sees."""
-        self._observation = observation
-        self.belief = observed(self.belief, observation)
+        """Take in what the robot sees; the same as before adds nothing to the same belief."""
+        before, self._observation = self._observation, observation
+        if before is None or self._looked is not self.belief or not _same_sight(before, observation):
+            self.belief = self._looked = observed(self.belief, observation)
 
     def hear(self, datagram: bytes, now_ns: int) -> Heard:
         """Take in bytes from the radio; the answer may hold a relay to send on. Never raises for what was sent."""
@@ -144,8 +149,15 @@ class Agent:
             return Heard(self._listen(datagram, now_ns))
         heard = self.neighbors.hear(datagram, now_ns)
         if heard.message is not None:
-            self.belief = merged(self.belief, heard.message.window_origin, heard.message.window)
+            self._merge(heard.message.window_origin, heard.message.window)
         return heard
+
+    def _merge(self, origin: Cell, window: ByteGrid) -> None:
+        """Take over what a neighbour knows; most often that is what the one before knew, and nothing new."""
+        known = self._merged
+        if known is None or known[0] is not self.belief or known[2] is not window or known[1] != origin:
+            self.belief = merged(self.belief, origin, window)
+            self._merged = self.belief, origin, window
 
     def beacon(self, now_ns: int) -> bytes:
         """The message of this moment: where the robot is, what it is doing, and what it knows."""
@@ -291,6 +303,16 @@ class Agent:
             candidates=(),
             choices=(),
         )
+
+
+def _same_sight(one: Observation, other: Observation) -> bool:
+    """Whether two observations show the same by being made of the same arrays, as the simulator's are."""
+    return (
+        one.cell == other.cell
+        and one.seen is other.seen
+        and one.obstacles is other.obstacles
+        and one.targets is other.targets
+    )
 
 
 def _state_of(neighbor: Neighbor, now_ns: int) -> RobotState:

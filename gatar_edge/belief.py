@@ -6,13 +6,17 @@ precedence), but for own eyes, which may correct what was heard.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
+import numpy.typing as npt
 
 from gatar_edge.types import BoolGrid, ByteGrid, Cell, Cells, CellState, GridSpec, Observation
 
 WINDOW = 15  # cells a side of what one message carries
 # As array elements, read once: a member of an enum costs as much as a small array's comparison.
 _UNKNOWN, _FREE, _OBSTACLE, _TARGET, _LOCALIZED = (np.uint8(state) for state in CellState)
+_CellsKey = tuple[str, bytes]  # dtype and data of [n, 2]
 
 
 def nothing_known(grid: GridSpec) -> ByteGrid:
@@ -21,18 +25,21 @@ def nothing_known(grid: GridSpec) -> ByteGrid:
 
 
 def observed(belief: ByteGrid, observation: Observation) -> ByteGrid:
-    """The belief after an own observation. A target under the robot is localized by its visit."""
-    seen, obstacles, targets = (
-        _inside(cells, belief.shape) for cells in (observation.seen, observation.obstacles, observation.targets)
-    )
-    new = belief.copy()
-    new[seen[:, 0], seen[:, 1]] = _FREE
-    new[obstacles[:, 0], obstacles[:, 1]] = _OBSTACLE
-    new[targets[:, 0], targets[:, 1]] = _TARGET
+    """The belief after an own observation: the same array where nothing is new.
+
+    A target under the robot is localized by its visit.
+    """
+    index, states = _drawn(*map(_key, (observation.seen, observation.obstacles, observation.targets)), belief.shape)
+    known = belief.reshape(-1)[index]
     # a target in view keeps looking like one after somebody's visit: only the memory of the visit tells
-    new[belief == _LOCALIZED] = _LOCALIZED
+    states = np.where(known == _LOCALIZED, known, states)
     x, y = observation.cell
-    if 0 <= x < new.shape[0] and 0 <= y < new.shape[1] and new[x, y] == _TARGET:
+    here = 0 <= x < belief.shape[0] and 0 <= y < belief.shape[1]
+    if not np.count_nonzero(known != states) and not (here and belief[x, y] == _TARGET):
+        return belief
+    new = belief.copy()
+    new.reshape(-1)[index] = states
+    if here and new[x, y] == _TARGET:
         new[x, y] = _LOCALIZED
     return _frozen(new)
 
@@ -54,9 +61,11 @@ def merged(belief: ByteGrid, origin: Cell, window: ByteGrid) -> ByteGrid:
 
 def window_at(belief: ByteGrid, origin: Cell) -> ByteGrid:
     """The `WINDOW` x `WINDOW` cells of the belief from `origin` on; unknown outside the grid."""
-    window = np.zeros((WINDOW, WINDOW), dtype=np.uint8)
     x0, y0 = max(0, origin[0]), max(0, origin[1])
     part = belief[x0 : origin[0] + WINDOW, y0 : origin[1] + WINDOW]
+    if part.shape == (WINDOW, WINDOW):
+        return part
+    window = np.zeros((WINDOW, WINDOW), dtype=np.uint8)
     window[x0 - origin[0] : x0 - origin[0] + part.shape[0], y0 - origin[1] : y0 - origin[1] + part.shape[1]] = part
     return _frozen(window)
 
@@ -81,7 +90,7 @@ def window_origin(belief: ByteGrid, cell: Cell, sequence: int) -> Cell:
 
 def known_targets(belief: ByteGrid) -> Cells:
     """Targets seen and not yet localized: int16 [m, 2], sorted by x, then y."""
-    return np.argwhere(belief == _TARGET).astype(np.int16)
+    return np.array((belief == _TARGET).nonzero(), dtype=np.int16).T.copy()
 
 
 def unknown(belief: ByteGrid) -> BoolGrid:
@@ -90,9 +99,21 @@ def unknown(belief: ByteGrid) -> BoolGrid:
     return dark
 
 
-def _inside(cells: Cells, shape: tuple[int, ...]) -> Cells:
-    keep = (cells[:, 0] >= 0) & (cells[:, 0] < shape[0]) & (cells[:, 1] >= 0) & (cells[:, 1] < shape[1])
-    return cells if np.count_nonzero(keep) == len(cells) else cells[keep]
+def _key(cells: Cells) -> _CellsKey:
+    return cells.dtype.str, cells.tobytes()
+
+
+@lru_cache(maxsize=256)  # a robot stays in a cell for several ticks, and sees the same
+def _drawn(
+    seen: _CellsKey, obstacles: _CellsKey, targets: _CellsKey, shape: tuple[int, ...]
+) -> tuple[npt.NDArray[np.intp], ByteGrid]:
+    """Places in the flat grid and what is seen in them, a target before an obstacle; cells outside are ignored."""
+    states: dict[int, np.uint8] = {}
+    for (dtype, data), state in ((seen, _FREE), (obstacles, _OBSTACLE), (targets, _TARGET)):
+        for x, y in np.frombuffer(data, dtype).reshape(-1, 2).tolist():
+            if 0 <= x < shape[0] and 0 <= y < shape[1]:
+                states[x * shape[1] + y] = state
+    return np.array(list(states), dtype=np.intp), np.array(list(states.values()), dtype=np.uint8)
 
 
 def _frozen(array: ByteGrid) -> ByteGrid:

@@ -8,8 +8,10 @@ own failsafe acts.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
+
+from msgspec.structs import replace
 
 from gatar_edge.agent import Agent
 from gatar_edge.health import Counters, NeighborLine, Shunned, Snapshot, usable

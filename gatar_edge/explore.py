@@ -16,6 +16,7 @@ from gatar_edge.view import View
 
 FRONTIER_BLOCK = 4  # cells a side: a robot that enters a block sees all of it
 MOST_FRONTIERS = 24  # of a view: those nearest to any of its robots
+_NO_WAY = np.iinfo(np.int32).max
 _FARTHEST = 2 * FRONTIER_BLOCK**6  # more than any square of a distance within a block times the number of its cells
 
 
@@ -43,8 +44,8 @@ def frontiers(
     first = order[(np.cumsum(count) - count)[count > 0]]
     cells = np.stack([x[first], y[first]], axis=1)
     ways = distances[:, cells[:, 0], cells[:, 1]]
-    soonest = np.where(ways == UNREACHABLE, np.iinfo(np.int32).max, ways).min(axis=0)
-    reached = np.flatnonzero(soonest < np.iinfo(np.int32).max)
+    soonest = np.where(ways == UNREACHABLE, _NO_WAY, ways).min(axis=0)
+    reached = np.flatnonzero(soonest < _NO_WAY)
     kept = reached[np.argsort(soonest[reached], kind="stable")[:most]]
     kept = kept[np.argsort(first[kept])]  # `x` and `y` are in order
     return cells[kept], count[block[first[kept]]]
@@ -74,10 +75,10 @@ def frontier_for_ego(view: View, choices: Choices, r_sense: float) -> Cell | Non
     pool = dark.copy()
     while idle and pool.any():
         cells = np.argwhere(pool)
-        ways = view.distances[np.ix_(idle, range(view.belief.shape[0]), range(view.belief.shape[1]))][:, pool]
-        ways = np.where(ways == UNREACHABLE, np.iinfo(np.int32).max, ways)
+        ways = view.distances[idle][:, pool]
+        ways = np.where(ways == UNREACHABLE, _NO_WAY, ways)
         turn, nearest = divmod(int(ways.argmin()), len(cells))
-        if ways[turn, nearest] == np.iinfo(np.int32).max:
+        if ways[turn, nearest] == _NO_WAY:
             break
         cell = (int(cells[nearest][0]), int(cells[nearest][1]))
         if idle.pop(turn) == 0:
@@ -91,8 +92,8 @@ def frontier_for_ego(view: View, choices: Choices, r_sense: float) -> Cell | Non
 def _nearest(view: View, dark: np.ndarray) -> Cell | None:
     cells = np.argwhere(dark)
     ways = view.distances[0][dark]
-    ways = np.where(ways == UNREACHABLE, np.iinfo(np.int32).max, ways)
+    ways = np.where(ways == UNREACHABLE, _NO_WAY, ways)
     nearest = int(ways.argmin())
-    if ways[nearest] == np.iinfo(np.int32).max:
+    if ways[nearest] == _NO_WAY:
         return None
     return int(cells[nearest][0]), int(cells[nearest][1])

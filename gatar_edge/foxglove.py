@@ -121,22 +121,25 @@ def descriptor_set(schema: str) -> bytes:
 
 def grid(states: ByteGrid, spec: GridSpec, now_ns: int) -> bytes:
     """A foxglove.Grid of `states` [W, H]; row 0 is the southernmost."""
-    message = Grid_pb2.Grid(
-        timestamp=_stamp(now_ns),
+    message = _grid(states.shape[0], spec.cell_m)
+    message.timestamp.CopyFrom(_stamp(now_ns))
+    message.data = states.T.tobytes()
+    return bytes(message.SerializeToString())
+
+
+@lru_cache(maxsize=8)
+def _grid(columns: int, cell_m: float) -> Any:
+    """What `grid` serializes, but for its time and data, which alone may be changed."""
+    field = PackedElementField_pb2.PackedElementField
+    return Grid_pb2.Grid(
         frame_id=MAP_FRAME,
         pose=_pose(0.0, 0.0, 0.0),
-        column_count=states.shape[0],
-        cell_size=Vector2_pb2.Vector2(x=spec.cell_m, y=spec.cell_m),
-        row_stride=states.shape[0],
+        column_count=columns,
+        cell_size=Vector2_pb2.Vector2(x=cell_m, y=cell_m),
+        row_stride=columns,
         cell_stride=1,
-        fields=[
-            PackedElementField_pb2.PackedElementField(
-                name="state", offset=0, type=PackedElementField_pb2.PackedElementField.UINT8
-            )
-        ],
-        data=np.ascontiguousarray(states.T).tobytes(),
+        fields=[field(name="state", offset=0, type=field.UINT8)],
     )
-    return bytes(message.SerializeToString())
 
 
 def read_grid(data: bytes) -> GridMessage:

@@ -5,7 +5,7 @@ All motion is 4-connected. A robot plans with what it knows: unknown cells count
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import lru_cache, partial
 
 import numpy as np
@@ -36,6 +36,12 @@ def path_lengths(kind: RobotKind, cell: Cell, free: BoolGrid) -> IntGrid:
     if kind is RobotKind.UAV:
         return manhattan(cell, free.shape)
     return _driving(free.shape)(cell, free.tobytes())
+
+
+def lengths_from(places: Iterable[tuple[RobotKind, Cell]], free: BoolGrid) -> list[IntGrid]:
+    """`path_lengths` of several robots that know the same."""
+    flying, driving, known = _flying(free.shape), _driving(free.shape), free.tobytes()
+    return [flying(cell) if kind is RobotKind.UAV else driving(cell, known) for kind, cell in places]
 
 
 def manhattan(cell: Cell, shape: tuple[int, ...]) -> IntGrid:

@@ -9,9 +9,11 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+MAX_PENDING_BYTES = 1024 * 1024
+
 
 class RecordStream:
-    """A write-only stream for `mcap.writer.Writer` over an unbuffered file."""
+    """A write-only stream for `McapWriter` over an unbuffered file."""
 
     def __init__(self, path: Path) -> None:
         self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
@@ -20,18 +22,15 @@ class RecordStream:
         self._closed = False
 
     def write(self, data: bytes) -> int:
-        """Collect; nothing reaches the file before `flush`."""
+        """Collect whole records; they reach the file at the next `flush` or, where many wait, now. Raises OSError."""
         self._pending += data
+        if len(self._pending) > MAX_PENDING_BYTES:
+            self.flush()
         return len(data)
 
     def tell(self) -> int:
         """Bytes written and collected."""
         return self._written + len(self._pending)
-
-    @property
-    def pending(self) -> int:
-        """Bytes collected and not yet handed over."""
-        return len(self._pending)
 
     def flush(self) -> None:
         """Hand everything to the operating system. Raises OSError with the file cut back to its last whole record."""

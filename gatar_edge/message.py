@@ -25,10 +25,10 @@ from __future__ import annotations
 import hashlib
 import hmac
 import struct
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 
 from gatar_edge.errors import ConfigError, MessageCause, MessageError
@@ -58,8 +58,7 @@ MAX_MESSAGES_PER_S = 10  # numbers that one second of the clock is worth; 32 bit
 _MAX_SEQ = 0xFFFF_FFFF
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class NeighborMessage:
+class NeighborMessage(msgspec.Struct, frozen=True, eq=False):
     """What one robot says of itself and of the window of cells around it.
 
     `window` is uint8 [15, 15] of `CellState` codes, read-only when decoded; its [0, 0] is the cell `window_origin`.
@@ -84,7 +83,7 @@ class NeighborMessage:
         """Equal in all fields; written out because arrays have no truth value."""
         if not isinstance(other, NeighborMessage):
             return NotImplemented
-        names = (name for name in self.__dataclass_fields__ if name != "window")
+        names = (name for name in self.__struct_fields__ if name != "window")
         return all(getattr(self, name) == getattr(other, name) for name in names) and np.array_equal(
             self.window, other.window
         )
@@ -244,11 +243,18 @@ def _sixteenths(name: str, value: float, limit: int) -> int:
 def _pack_window(window: ByteGrid) -> bytes:
     if window.shape != (WINDOW_CELLS, WINDOW_CELLS) or window.dtype != np.uint8:
         raise MessageError(f"window is {window.dtype} {window.shape}, must be uint8 ({WINDOW_CELLS}, {WINDOW_CELLS})")
-    if window.tobytes().translate(None, _CODES):  # what is left over; four times as fast as window.max()
-        raise MessageError(f"window holds cell code {window.max()}, known are 0..{CellState.LOCALIZED.value}")
-    return np.packbits(window.reshape(1, _PLANE_BITS) & _WEIGHTS[:, np.newaxis], bitorder="little").tobytes()
+    return _planes(window.tobytes())
 
 
+@lru_cache(maxsize=128)  # a robot that has seen nothing new says the same again
+def _planes(codes: bytes) -> bytes:
+    if codes.translate(None, _CODES):  # what is left over
+        raise MessageError(f"window holds cell code {max(codes)}, known are 0..{CellState.LOCALIZED.value}")
+    window = np.frombuffer(codes, np.uint8)
+    return np.packbits(window & _WEIGHTS[:, np.newaxis], bitorder="little").tobytes()
+
+
+@lru_cache(maxsize=512)  # robots that know the same say the same; who gets the same array need not look into it again
 def _unpack_window(planes: bytes) -> ByteGrid:
     bits = int.from_bytes(planes, "little")
     low, middle, high = bits & _PLANE_MASK, bits >> _PLANE_BITS & _PLANE_MASK, bits >> 2 * _PLANE_BITS

@@ -8,8 +8,11 @@ Rule 3: `hear` takes any bytes and never raises; each cause has its outcome, eac
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from enum import StrEnum
+from operator import attrgetter
+
+import msgspec
+from msgspec.structs import replace
 
 from gatar_edge.errors import ConfigError, MessageError
 from gatar_edge.keys import KEY_BYTES
@@ -36,8 +39,7 @@ class HearOutcome(StrEnum):
     FORGED = "forged"
 
 
-@dataclass(frozen=True, slots=True)
-class Heard:
+class Heard(msgspec.Struct, frozen=True):
     """The outcome; the message where it is ACCEPTED or NEARER; the bytes to send on where others may lack it."""
 
     outcome: HearOutcome
@@ -49,8 +51,7 @@ class Heard:
 _IGNORED = {outcome: Heard(outcome) for outcome in HearOutcome}
 
 
-@dataclass(frozen=True, slots=True)
-class Neighbor:
+class Neighbor(msgspec.Struct, frozen=True):
     """The newest message of one author, and when it was first heard here."""
 
     message: NeighborMessage
@@ -107,20 +108,21 @@ class NeighborTable:
 
     def fresh(self, now_ns: int, own_cell: Cell) -> tuple[Neighbor, ...]:
         """The neighbours not older than the limit, by id; of too many those nearest to `own_cell` (then lower id)."""
+        oldest_ns = now_ns - self._max_age_ns
         found = []
         for neighbor in reversed(self._authors.values()):
-            if neighbor.age_ns(now_ns) > self._max_age_ns:
+            if neighbor.heard_ns < oldest_ns:
                 break
             found.append(neighbor)
         if len(found) > self._max_neighbors:
             found.sort(key=lambda neighbor: (_squared_distance(neighbor.message.cell, own_cell), neighbor.robot_id))
             del found[self._max_neighbors :]
-        return tuple(sorted(found, key=lambda neighbor: neighbor.robot_id))
+        return tuple(sorted(found, key=_author))
 
     def silent(self, now_ns: int, most_ns: int) -> tuple[Neighbor, ...]:
         """Neighbours not heard for longer than the limit, but not for longer than `most_ns`; the last heard first."""
-        ages = ((neighbor.age_ns(now_ns), neighbor) for neighbor in reversed(self._authors.values()))
-        return tuple(neighbor for age, neighbor in ages if self._max_age_ns < age <= most_ns)
+        first_ns, last_ns = now_ns - most_ns, now_ns - self._max_age_ns
+        return tuple([n for n in reversed(self._authors.values()) if first_ns <= n.heard_ns < last_ns])
 
     def remembered(self) -> tuple[Neighbor, ...]:
         """The newest message of every author, the longest silent first."""
@@ -159,6 +161,9 @@ class NeighborTable:
         if len(self._authors) >= MAX_AUTHORS:
             del self._authors[next(iter(self._authors))]
         self._authors[neighbor.robot_id] = neighbor
+
+
+_author = attrgetter("message.robot_id")
 
 
 def _squared_distance(one: Cell, other: Cell) -> int:

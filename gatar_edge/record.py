@@ -12,19 +12,20 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
 import numpy as np
-from mcap.writer import CompressionType, Writer
 
 from gatar_edge import __version__, foxglove
 from gatar_edge import channels as ch
 from gatar_edge.errors import LogError
 from gatar_edge.logfile import RecordStream
 from gatar_edge.mavlink_frame import without_secrets
+from gatar_edge.mcap_writer import McapWriter
 from gatar_edge.persist import SavedState
 from gatar_edge.record_items import RadioBuffers, agent_state, command_record, observation_record
 from gatar_edge.types import (
@@ -47,7 +48,6 @@ FLUSH_NS = NS_PER_S
 SYNC_NS = 5 * NS_PER_S
 STATIC_NS = 2 * NS_PER_S
 RUN_INFO_NS = 30 * NS_PER_S
-MAX_PENDING_BYTES = 1024 * 1024
 LARGE_MAP_CELLS = 64 * 1024  # larger maps are repeated as seldom as the run info
 
 _log = logging.getLogger(__name__)
@@ -77,15 +77,14 @@ class Recorder:
             self._stream = RecordStream(path)
         except OSError as error:
             raise LogError(f"log {path} cannot be written: {error.strerror}") from error
-        stream: Any = self._stream  # has what the writer uses of a file; the writer's own methods are partly untyped
-        self._writer: Any = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self._writer = McapWriter(self._stream, CHUNK_BYTES)
         self._open(now_ns)
 
     def _open(self, now_ns: int) -> None:
         self._writer.start(f"{ch.PROFILE}-{ch.FORMAT}", f"gatar-edge {__version__}")
         digest = hashlib.sha256(self._run_info).hexdigest()
         self._writer.add_metadata("gatar", {"format": str(ch.FORMAT), "run_info_sha256": digest})
-        self._writer.add_attachment(now_ns, now_ns, "run_info.json", "application/json", self._run_info)
+        self._writer.add_attachment(now_ns, "run_info.json", "application/json", self._run_info)
         self.poll(now_ns)
 
     @property
@@ -133,7 +132,7 @@ class Recorder:
     def vehicle(self, robot_id: int, state: VehicleState, now_ns: int) -> None:
         """What the bridge knows of the autopilot."""
         self._json(ch.VEHICLE, ch.VehicleRecord(robot_id, state), now_ns, robot_id, state.t_ns)
-        if state.position_t_ns >= 0 and np.isfinite((state.lat_deg, state.lon_deg)).all():
+        if state.position_t_ns >= 0 and math.isfinite(state.lat_deg) and math.isfinite(state.lon_deg):
             self._write(ch.FIX, foxglove.location(state, robot_id), now_ns, robot_id, state.position_t_ns)
 
     def mavlink(self, robot_id: int, direction: Literal["rx", "tx"], frame: bytes, now_ns: int) -> None:
@@ -145,9 +144,9 @@ class Recorder:
     def belief(self, robot_id: int, belief: ByteGrid, grid: GridSpec, now_ns: int) -> None:
         """What the robot knows: written when it changed since the last call, and repeated as static state."""
         known = self._beliefs.get(robot_id)
-        if known is not None and np.array_equal(known, belief):
+        if known is belief or (known is not None and np.array_equal(known, belief)):
             return
-        self._beliefs[robot_id] = belief.copy()
+        self._beliefs[robot_id] = belief
         self._write(ch.BELIEF, foxglove.grid(belief, grid, now_ns), now_ns, robot_id)
 
     def text(self, level: foxglove.Level, robot_id: int, text: str, now_ns: int) -> None:
@@ -256,23 +255,18 @@ class Recorder:
         self._now_ns = max(self._now_ns, now_ns)  # readers rely on a log time that never goes back
         self.messages += 1
         try:
-            self._writer.add_message(
-                self._topic(channel, robot_id), self._now_ns, data, source_ns if source_ns >= 0 else now_ns
-            )
-            if self._stream.pending > MAX_PENDING_BYTES:
-                self._stream.flush()
+            topic = self._topics.get((channel.topic, robot_id)) or self._new_topic(channel, robot_id)
+            self._writer.add_message(topic, self._now_ns, data, source_ns if source_ns >= 0 else now_ns)
         except OSError as error:
             self._stop(error)
 
-    def _topic(self, channel: ch.Channel, robot_id: int) -> int:
-        key = (channel.topic, robot_id)
-        if key not in self._topics:
-            if channel.schema not in self._schemas:
-                self._schemas[channel.schema] = self._register(channel)
-            self._topics[key] = self._writer.register_channel(
-                channel.of(robot_id), channel.encoding.value, self._schemas[channel.schema]
-            )
-        return self._topics[key]
+    def _new_topic(self, channel: ch.Channel, robot_id: int) -> int:
+        if channel.schema not in self._schemas:
+            self._schemas[channel.schema] = self._register(channel)
+        schema = self._schemas[channel.schema]
+        topic = self._writer.register_channel(channel.of(robot_id), channel.encoding.value, schema)
+        self._topics[channel.topic, robot_id] = topic
+        return topic
 
     def _register(self, channel: ch.Channel) -> int:
         encoding, definition = "", b""  # MAVLink frames describe themselves
@@ -280,7 +274,7 @@ class Recorder:
             encoding, definition = "jsonschema", _encoder.encode(ch.json_schema(channel))
         elif channel.encoding is ch.Encoding.PROTOBUF:
             encoding, definition = "protobuf", foxglove.descriptor_set(channel.schema)
-        return int(self._writer.register_schema(channel.schema, encoding, definition))
+        return self._writer.register_schema(channel.schema, encoding, definition)
 
     def _is_due(self, period_ns: int, now_ns: int) -> bool:
         if now_ns < self._due[period_ns]:

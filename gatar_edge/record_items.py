@@ -7,6 +7,7 @@ import struct
 import zlib
 from collections import Counter
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import msgspec
@@ -41,9 +42,11 @@ class RadioBuffer:
 
     def heard(self, datagram: bytes, outcome: str, now_ns: int) -> None:
         """One datagram that was heard, and what became of it."""
-        if outcome in EFFECTIVE:
+        if outcome in COMMONPLACE:
+            self.ignored[outcome] += 1
+        elif outcome in EFFECTIVE:
             self.items.append(radio_item(datagram, ch.RadioWay.HEARD, outcome, now_ns, keep=True))
-        elif outcome in COMMONPLACE or self.refused >= MAX_REFUSED:
+        elif self.refused >= MAX_REFUSED:
             self.ignored[outcome] += 1
         else:
             self.refused += 1
@@ -84,6 +87,7 @@ def command_record(command: VehicleCommand) -> dict[str, Any]:
             return {"type": "hold", "reason": reason}
 
 
+@lru_cache(maxsize=128)  # in a simulator all in range log the same
 def radio_item(datagram: bytes, way: ch.RadioWay, outcome: str, now_ns: int, keep: bool) -> ch.RadioItem:
     """One datagram as the log holds it, its bytes only where `keep`; its claims where it is a message."""
     data = base64.b64encode(datagram).decode() if keep else ""

@@ -5,9 +5,10 @@ Everything is made as on a robot: the observation and the neighbours' messages a
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from msgspec.structs import replace
 
 from gatar_edge.agent import Agent, Identity, Inbox, Outbox
 from gatar_edge.allocators.base import Allocator

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
@@ -23,8 +24,7 @@ from gatar_edge.view import View, travel_times
 MOST_CHANGES = 3  # targets given up since one ended, before only a nearer one is worth another change
 
 
-@dataclass(frozen=True, slots=True)
-class Task:
+class Task(msgspec.Struct, frozen=True):
     """What the robot is doing, and the path on which it is doing it."""
 
     kind: TaskKind = TaskKind.HOLD
@@ -145,8 +145,8 @@ def _still_good(view: View, goal: Cell, task: Task) -> bool:
 
 
 def _index_of(view: View, cell: Cell) -> int:
-    found = np.flatnonzero((view.targets == np.array(cell)).all(axis=1))
-    return int(found[0]) if found.size else NO_TARGET
+    targets, wanted = view.targets.tolist(), [*cell]
+    return targets.index(wanted) if wanted in targets else NO_TARGET
 
 
 def _cell(view: View, index: int) -> Cell:

@@ -7,10 +7,11 @@ Time is `t_ns`, nanoseconds of an injected clock. Lengths without a unit in thei
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from typing import Any, NewType
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
@@ -88,8 +89,7 @@ class GridSpec:
         return 0 <= cell[0] < self.width and 0 <= cell[1] < self.height
 
 
-@dataclass(frozen=True, slots=True)
-class Observation:
+class Observation(msgspec.Struct, frozen=True):
     """What one robot saw at `t_ns`: the one place where a user plugs in perception.
 
     `seen` are all cells in view, `obstacles` and `targets` the subsets that hold one; each int16 [n, 2].
@@ -104,8 +104,7 @@ class Observation:
     t_ns: int
 
 
-@dataclass(frozen=True, slots=True)
-class RobotState:
+class RobotState(msgspec.Struct, frozen=True):
     """One robot of a decision's graph, as the deciding robot knows it."""
 
     robot_id: int
@@ -117,8 +116,7 @@ class RobotState:
     age_ns: int = 0  # since its state was true; 0 for ego
 
 
-@dataclass(frozen=True, slots=True)
-class Candidate:
+class Candidate(msgspec.Struct, frozen=True):
     """One target that could have been chosen, as logged with the decision."""
 
     cell: Cell
@@ -126,8 +124,7 @@ class Candidate:
     score: float
 
 
-@dataclass(frozen=True, slots=True)
-class Assignment:
+class Assignment(msgspec.Struct, frozen=True):
     """What one robot decided to do."""
 
     kind: TaskKind
@@ -137,8 +134,7 @@ class Assignment:
     xy: tuple[float, float] | None = None  # the paper's output: score-weighted mean cell
 
 
-@dataclass(frozen=True, slots=True)
-class Decision:
+class Decision(msgspec.Struct, frozen=True):
     """Everything about one tick of one robot that a reviewer may ask for."""
 
     robot_id: int
@@ -165,22 +161,19 @@ class Decision:
 # Commands: what a robot wants its vehicle to do. bridge turns them into MAVLink.
 
 
-@dataclass(frozen=True, slots=True)
-class Goto:
+class Goto(msgspec.Struct, frozen=True):
     """Fly straight to the centre of a cell (UAV)."""
 
     cell: Cell
 
 
-@dataclass(frozen=True, slots=True)
-class Mission:
+class Mission(msgspec.Struct, frozen=True):
     """Drive along the centres of cells (UGV): the corners of a 4-connected path, the last one the goal."""
 
     cells: tuple[Cell, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Hold:
+class Hold(msgspec.Struct, frozen=True):
     """Stay where you are."""
 
     reason: str
@@ -189,8 +182,7 @@ class Hold:
 VehicleCommand = Goto | Mission | Hold
 
 
-@dataclass(frozen=True, slots=True)
-class VehicleState:
+class VehicleState(msgspec.Struct, frozen=True):
     """What the bridge knows of its autopilot at `t_ns`."""
 
     t_ns: int
@@ -207,4 +199,4 @@ class VehicleState:
     position_t_ns: int = -1  # when the position was received, -1 never
     cell: Cell | None = None  # None outside the grid or without a position
     phase: str = ""  # the driver's state, by name
-    details: Mapping[str, Any] = field(default_factory=dict)
+    details: Mapping[str, Any] = msgspec.field(default_factory=dict)

@@ -8,19 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, lru_cache
+from operator import attrgetter
 
 import numpy as np
 import numpy.typing as npt
 
 from gatar_edge.belief import known_targets
-from gatar_edge.grid import UNREACHABLE, passable, path_lengths
+from gatar_edge.grid import UNREACHABLE, lengths_from, passable, path_lengths
 from gatar_edge.types import ByteGrid, Cell, Cells, IntGrid, RobotKind, RobotState
 
 Hops = npt.NDArray[np.int8]
 FAR_HOPS = 2  # of robots that are remembered but not heard
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)  # it holds arrays: one view is equal to itself alone
 class View:
     """Input of every allocator."""
 
@@ -45,7 +47,7 @@ def build_view(
     absent: tuple[RobotState, ...] = (),
 ) -> View:
     """The view of `ego`, with at most `most` targets: the nearest to ego where more are known."""
-    robots = (ego, *sorted(others, key=lambda robot: robot.robot_id))
+    robots = (ego, *sorted(others, key=_robot_id))
     distances = distances_of(robots, belief)
     targets = known_targets(belief)
     if len(targets) > most:
@@ -56,10 +58,14 @@ def build_view(
     return View(now_ns, robots, hop_counts(robots, r_comm, hop_limit), belief, targets, distances, lengths, absent)
 
 
+_robot_id = attrgetter("robot_id")
+
+
 def distances_of(robots: Sequence[RobotState], belief: ByteGrid) -> IntGrid:
     """Steps from each robot to each cell: int32 [N, W, H], -1 unreachable."""
-    free = passable(RobotKind.UGV, belief)  # of a UAV's way, `path_lengths` asks for nothing but the grid's shape
-    return np.stack([path_lengths(robot.kind, robot.cell, free) for robot in robots])
+    free = passable(RobotKind.UGV, belief)  # of a UAV's way nothing is asked but the grid's shape
+    lengths = lengths_from([(robot.kind, robot.cell) for robot in robots], free)
+    return np.concatenate(lengths).reshape(-1, *belief.shape)
 
 
 def with_absent(view: View) -> View:
@@ -102,15 +108,30 @@ def without(view: View, cells: Iterable[Cell]) -> View:
 
 def hop_counts(robots: Sequence[RobotState], r_comm: float, hop_limit: int) -> Hops:
     """Hops between robots in the radius graph (eq. 4 of the paper: within `r_comm` cells, Euclidean): int8 [N, N]."""
-    x, y = np.array([robot.cell for robot in robots], dtype=np.float64).T
-    near = (x[:, None] - x) ** 2 + (y[:, None] - y) ** 2 <= r_comm * r_comm
-    hops = np.where(near, 1, -1).astype(np.int8)
+    return _hops_between(tuple([robot.cell for robot in robots]), r_comm, hop_limit)
+
+
+@lru_cache(maxsize=64)  # for a tick or two nobody may leave its cell
+def _hops_between(places: tuple[Cell, ...], r_comm: float, hop_limit: int) -> Hops:
+    cells = np.array(places, dtype=np.float64)
+    products = cells @ cells.T  # of whole numbers: exact, and so are the squares of distances below
+    squares = products.diagonal()
+    near = squares[:, None] + squares - 2 * products <= r_comm * r_comm
+    links = near.astype(np.float32)  # counts of at most N, exact in single precision
+    reached, within = links, near.astype(np.int16)  # in how many of the limits up to `hop_limit` a robot is reached
+    for _ in range(2, hop_limit + 1):
+        reached = (reached @ links > 0).astype(np.float32)
+        within += reached > 0
+    hops = _hops_within(hop_limit)[within]
     np.fill_diagonal(hops, 0)
-    links, reached = near.astype(np.float32), near  # counts of at most N, exact in single precision
-    for hop in range(2, hop_limit + 1):
-        reached = (reached.astype(np.float32) @ links) > 0
-        hops[reached & (hops < 0)] = hop
+    hops.flags.writeable = False
     return hops
+
+
+@cache
+def _hops_within(hop_limit: int) -> Hops:
+    """Hops by the number of limits, 1 to `hop_limit`, that they keep within."""
+    return np.array([-1, *range(max(1, hop_limit), 0, -1)], dtype=np.int8)
 
 
 def target_legs(view: View, kind: RobotKind) -> npt.NDArray[np.float64]:
@@ -124,7 +145,10 @@ def target_legs(view: View, kind: RobotKind) -> npt.NDArray[np.float64]:
     return legs
 
 
+@lru_cache(maxsize=2)  # asked for by the allocator, and by the decision that follows
 def travel_times(view: View) -> npt.NDArray[np.float64]:
-    """Seconds from each robot to each target: float64 [N, M], inf where unreachable."""
+    """Seconds from each robot to each target: float64 [N, M], read-only, inf where unreachable."""
     speeds = np.array([robot.speed_cells_s for robot in view.robots])
-    return np.where(view.lengths == UNREACHABLE, np.inf, view.lengths / speeds[:, None])
+    times = np.where(view.lengths == UNREACHABLE, np.inf, view.lengths / speeds[:, None])
+    times.flags.writeable = False
+    return times

@@ -16,7 +16,7 @@ from gatar_edge.sim_sitl.orders import Order, Result, acknowledge, order_from
 from gatar_edge.sim_sitl.px4 import Px4
 from gatar_edge.sim_sitl.stack import Stack
 from gatar_edge.sim_sitl.telemetry import Telemetry
-from gatar_edge.sim_sitl.vehicle import Blocked
+from gatar_edge.sim_sitl.vehicle import Blocked, Body
 from gatar_edge.sim_sitl.wire import Message, Wire
 from gatar_edge.types import NS_PER_S
 
@@ -60,6 +60,11 @@ class SimAutopilot:
         """Metres east and north of home: what `truth` holds of it, at less cost."""
         body = self._core.body
         return self._core.gps.really(body.east_m, body.north_m)
+
+    @property
+    def body(self) -> Body:
+        """How it moves as it believes itself; another value only where that changed."""
+        return self._core.body
 
     @property
     def modes(self) -> tuple[Mode, ...]:
@@ -111,11 +116,16 @@ class SimAutopilot:
 
     def take(self) -> bytes:
         """All that was sent since the last call, as MAVLink 2 frames."""
-        if not self._core.outbox:
-            return b""
-        sends, self._core.outbox = self._core.outbox, []
+        return b"".join(self.take_frames())
+
+    def take_frames(self) -> list[bytes]:
+        """`take`, frame by frame."""
+        sends = self._core.outbox
+        if not sends:
+            return []
+        self._core.outbox = []
         self._wire.pass_time(self._core.now_ns)
-        return b"".join(map(self._wire.pack, sends))
+        return [self._wire.pack(send) for send in sends]
 
     def reboot(self, now_ns: int) -> None:
         """Power off and on: parameters and mission stay, everything else starts anew."""

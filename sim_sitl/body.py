@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Literal
 
+import numpy as np
+
 from gatar_edge.sim_sitl.autopilot import AutopilotConfig, SimAutopilot
 from gatar_edge.sim_sitl.geodesy import LocalFrame
 from gatar_edge.sim_sitl.world import World
@@ -19,10 +21,12 @@ class Body:
     def __init__(self, world: World, index: int, grid: GridSpec, stack: StackName, speed_m_s: float) -> None:
         self.robot_id = index + 1
         self.kind = world.team.kinds[index]
-        self._world = world
         self._grid = grid
         self._start_m = tuple((c + 0.5) * grid.cell_m for c in world.starts[index])
-        self._angle = math.radians(grid.heading_deg)
+        angle = math.radians(grid.heading_deg)
+        self._cos, self._sin = math.cos(angle), math.sin(angle)
+        self._width, self._height = world.shape
+        self._obstacles = {(x, y) for x, y in np.argwhere(world.obstacles).tolist()}
         frame = LocalFrame(grid.origin_lat_deg, grid.origin_lon_deg)
         lat_deg, lon_deg = frame.geodetic(*self._to_enu(*self._start_m))
         self.autopilot = SimAutopilot(
@@ -42,9 +46,10 @@ class Body:
 
     def step(self, now_ns: int) -> None:
         """Physics up to now."""
-        before = self.autopilot.place_m
+        before, place_m = self.autopilot.body, self.autopilot.place_m
         self.autopilot.step(now_ns)
-        self.travelled_m += math.dist(before, self.autopilot.place_m)
+        if self.autopilot.body is not before:
+            self.travelled_m += math.dist(place_m, self.autopilot.place_m)
 
     @property
     def cell(self) -> Cell:
@@ -60,8 +65,8 @@ class Body:
 
     def _grid_m(self, east_m: float, north_m: float) -> tuple[float, float]:
         """Metres from the start to metres of the grid."""
-        x_m = east_m * math.cos(self._angle) - north_m * math.sin(self._angle)
-        y_m = east_m * math.sin(self._angle) + north_m * math.cos(self._angle)
+        x_m = east_m * self._cos - north_m * self._sin
+        y_m = east_m * self._sin + north_m * self._cos
         return self._start_m[0] + x_m, self._start_m[1] + y_m
 
     def _cell_at(self, east_m: float, north_m: float) -> Cell:
@@ -71,10 +76,9 @@ class Body:
 
     def _to_enu(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Grid metres to metres east and north of the grid's origin: the grid's +y is `heading_deg` from north."""
-        east_m = x_m * math.cos(self._angle) + y_m * math.sin(self._angle)
-        return east_m, y_m * math.cos(self._angle) - x_m * math.sin(self._angle)
+        return x_m * self._cos + y_m * self._sin, y_m * self._cos - x_m * self._sin
 
     def _blocked(self, east_m: float, north_m: float) -> bool:
         x, y = self._cell_at(east_m, north_m)
-        inside = 0 <= x < self._world.shape[0] and 0 <= y < self._world.shape[1]
-        return not inside or bool(self._world.obstacles[x, y])
+        inside = 0 <= x < self._width and 0 <= y < self._height
+        return not inside or (x, y) in self._obstacles

@@ -141,10 +141,14 @@ class Core:
     # What it says
 
     def emit(self, name: str, **fields: Any) -> None:
+        """Queue a message."""
+        self.queue(Send(name, fields))
+
+    def queue(self, send: Send) -> None:
         """Queue a message; the oldest are lost when nobody takes them."""
         if len(self.outbox) >= _OUTBOX_MAX:
             del self.outbox[: _OUTBOX_MAX // 2]
-        self.outbox.append(Send(name, fields))
+        self.outbox.append(send)
 
     def text(self, severity: int, text: str) -> None:
         """Send a STATUSTEXT of at most 50 characters."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import IntEnum
 
 from gatar_edge.sim_sitl.faults import LinkFaults
@@ -18,10 +18,8 @@ class End(IntEnum):
     COMPANION = 0
     VEHICLE = 1
 
-    @property
-    def other(self) -> End:
-        """The end that hears this one."""
-        return End(1 - self)
+
+_ENDS = tuple(End)
 
 
 def split_frames(data: bytes) -> list[bytes]:
@@ -43,26 +41,32 @@ class FaultyLink:
     """Carries whole frames both ways; each direction has its own faults."""
 
     def __init__(self, to_vehicle: LinkFaults, to_companion: LinkFaults, seed: int = 0, name: str = "") -> None:
-        self._lanes = {
-            End.COMPANION: Lane(to_vehicle, f"link/{seed}/{name}/to_vehicle"),
-            End.VEHICLE: Lane(to_companion, f"link/{seed}/{name}/to_companion"),
-        }
+        self._lanes = (  # by the end that sends
+            Lane(to_vehicle, f"link/{seed}/{name}/to_vehicle"),
+            Lane(to_companion, f"link/{seed}/{name}/to_companion"),
+        )
         self._in_flight: InFlight[End] = InFlight()
         self.tap: Callable[[End, bytes], None] | None = None  # is shown what is sent, before anything happens to it
 
     def begin(self, now_ns: int) -> None:
         """The mission has begun: blackouts count from here."""
-        for lane in self._lanes.values():
+        for lane in self._lanes:
             lane.begin(now_ns)
 
     def send(self, now_ns: int, sender: End, data: bytes) -> None:
         """Send frames from one end."""
-        if not data:
-            return
+        if data:
+            self.send_frames(now_ns, sender, split_frames(data))
+
+    def send_frames(self, now_ns: int, sender: End, frames: Sequence[bytes]) -> None:
+        """The same for frames that are apart already."""
         if self.tap is not None:
-            self.tap(sender, data)
-        lane, receiver = self._lanes[sender], sender.other
-        for frame in split_frames(data):
+            self.tap(sender, b"".join(frames))
+        lane, receiver = self._lanes[sender], _ENDS[1 - sender]
+        if lane.perfect:
+            self._in_flight.add_all(now_ns, (receiver,), frames)
+            return
+        for frame in frames:
             for due_ns, arriving in lane.carry(now_ns, frame):
                 self._in_flight.add(due_ns, receiver, arriving)
 

@@ -6,7 +6,6 @@ advances the time, as fast as it likes (lock-step) or with the wall clock (real 
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
@@ -35,6 +34,7 @@ from gatar_edge.types import (
     Cell,
     Decision,
     Observation,
+    RobotKind,
     TaskKind,
     VehicleCommand,
 )
@@ -83,20 +83,22 @@ class Robot:
 
     def advance(self, now_ns: int, gateway: Gateway | None) -> None:
         """Physics up to now, then let companion and autopilot talk until they have nothing more to say."""
+        autopilot, driver, wire = self.body.autopilot, self.driver, self.wire
         self.body.step(now_ns)
         for _ in range(PUMPS):
-            said = self.body.autopilot.take()
-            if gateway is not None and said:
-                gateway.send(said)
-            self.wire.send(now_ns, End.VEHICLE, said)
+            said = autopilot.take_frames()
+            if said:
+                if gateway is not None:
+                    gateway.send(b"".join(said))
+                wire.send_frames(now_ns, End.VEHICLE, said)
             if self.thinks:
-                self.wire.send(now_ns, End.COMPANION, self.driver.poll(now_ns))
-            arrived = self.wire.deliver(now_ns)
-            for end, data in arrived:
-                receiver = self.driver if end is End.COMPANION else self.body.autopilot
-                receiver.receive(data, now_ns)
+                wire.send(now_ns, End.COMPANION, driver.poll(now_ns))
+            arrived = wire.deliver(now_ns)
             if not arrived:
                 break
+            for end, data in arrived:
+                receiver = driver if end is End.COMPANION else autopilot
+                receiver.receive(data, now_ns)
 
     def give_up(self, now_ns: int) -> None:
         """A goal that the vehicle refuses or does not get nearer to is left to the others for a while."""
@@ -218,7 +220,7 @@ class Fleet:
 
     def _deliver(self, now_ns: int) -> None:
         """Everything that is due on the air, relays at once."""
-        positions = self._positions()
+        positions: dict[int, Cell] | None = None  # worked out where somebody relays
         while deliveries := self.radio.deliver(now_ns):
             for receiver, datagram in deliveries:
                 robot = self._by_id[receiver]
@@ -228,6 +230,7 @@ class Fleet:
                 if self.log is not None:
                     self.log.heard(receiver, datagram, heard.outcome, now_ns + robot.skew_ns)
                 if heard.relay is not None:
+                    positions = positions or self._positions()
                     self._send(robot, heard.relay, positions, now_ns)
 
     def _send(self, robot: Robot, datagram: bytes, positions: dict[int, Cell], now_ns: int) -> None:
@@ -252,13 +255,14 @@ class Fleet:
             start_ns = time.perf_counter_ns()
             out = robot.agent.tick(its_ns, Inbox(seen))
             latency_ns = time.perf_counter_ns() - start_ns
-            heard = robot.agent.neighbors.fresh(its_ns, cell)
-            robot.driver.neighbors(occupied(robot.robot_id, robot.kind, heard, self.config.agent.grid))
+            if robot.kind is RobotKind.UGV:  # UAVs fly in layers
+                heard = robot.agent.neighbors.fresh(its_ns, cell)
+                robot.driver.neighbors(occupied(robot.robot_id, robot.kind, heard, self.config.agent.grid))
             sent = robot.driver.command(out.command, now_ns)
             self.tally.decided(out.decision, latency_ns)
             decisions.append(out.decision)
             if self.log is not None:
-                decision = dataclasses.replace(out.decision, latency_ns=latency_ns)
+                decision = msgspec.structs.replace(out.decision, latency_ns=latency_ns)
                 self._record(robot, seen, decision, (out.command, sent), now_ns)
             for datagram in (out.message, *out.talks):
                 self._send(robot, datagram, positions, now_ns)

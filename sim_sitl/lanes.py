@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import random
+from collections.abc import Iterable
 from typing import Generic, TypeVar
 
 from gatar_edge.sim_sitl.faults import Burst, LinkFaults
@@ -18,11 +19,11 @@ Arrival = tuple[int, bytes]  # when, and what of it
 class Lane:
     """One direction of one link: decides when a datagram arrives, how often, and whether whole."""
 
-    __slots__ = ("_bad", "_began_ns", "_faults", "_free_ns", "_last_ns", "_more", "_perfect", "_rng")
+    __slots__ = ("_bad", "_began_ns", "_faults", "_free_ns", "_last_ns", "_more", "_rng", "perfect")
 
     def __init__(self, faults: LinkFaults, key: str, began_ns: int | None = None) -> None:
         self._faults = faults
-        self._perfect = faults.none
+        self.perfect = faults.none  # everything arrives at once and whole
         self._rng = random.Random(key)  # of its own: traffic elsewhere changes nothing here
         self._more = random.Random(f"{key}/more")  # so that rarer faults do not shift the common ones
         self._began_ns = began_ns
@@ -35,7 +36,7 @@ class Lane:
 
     def carry(self, now_ns: int, datagram: bytes) -> list[Arrival]:
         """When a datagram sent now arrives, and as what: never, once or several times."""
-        if self._perfect:
+        if self.perfect:
             return [(now_ns, datagram)]
         faults, rng = self._faults, self._rng
         # Always the same number of draws, so that one fault does not shift all later ones.
@@ -92,22 +93,39 @@ class InFlight(Generic[Receiver]):
     """Datagrams under way, in order of arrival, then of sending."""
 
     def __init__(self) -> None:
-        self._heap: list[tuple[int, int, Receiver, bytes]] = []
-        self._sent = 0
+        self._arriving: dict[int, list[tuple[Receiver, bytes]]] = {}  # by time, in order of sending
+        self._times: list[int] = []  # of these, as a heap: many datagrams share one
+        self._waiting = 0
 
     def __len__(self) -> int:
-        return len(self._heap)
+        return self._waiting
 
     def add(self, due_ns: int, receiver: Receiver, datagram: bytes) -> None:
         """Put a datagram under way; with 100 000 waiting, more are lost."""
-        if len(self._heap) < _WAITING_MAX:
-            self._sent += 1
-            heapq.heappush(self._heap, (due_ns, self._sent, receiver, datagram))
+        if self._waiting < _WAITING_MAX:
+            self._waiting += 1
+            self._at(due_ns).append((receiver, datagram))
+
+    def add_all(self, due_ns: int, receivers: Iterable[Receiver], datagrams: Iterable[bytes]) -> None:
+        """The same for all of `datagrams`, to all of `receivers` at one time."""
+        arriving = self._at(due_ns)
+        before = len(arriving)
+        arriving += [(receiver, datagram) for datagram in datagrams for receiver in receivers]
+        del arriving[before + _WAITING_MAX - self._waiting :]
+        self._waiting += len(arriving) - before
 
     def take(self, now_ns: int) -> list[tuple[Receiver, bytes]]:
         """All that has arrived by now."""
-        arrived = []
-        while self._heap and self._heap[0][0] <= now_ns:
-            _, _, receiver, datagram = heapq.heappop(self._heap)
-            arrived.append((receiver, datagram))
+        times = self._times
+        arrived: list[tuple[Receiver, bytes]] = []
+        while times and times[0] <= now_ns:
+            arrived += self._arriving.pop(heapq.heappop(times))
+        self._waiting -= len(arrived)
         return arrived
+
+    def _at(self, due_ns: int) -> list[tuple[Receiver, bytes]]:
+        arriving = self._arriving.get(due_ns)
+        if arriving is None:
+            arriving = self._arriving[due_ns] = []
+            heapq.heappush(self._times, due_ns)
+        return arriving

@@ -33,7 +33,8 @@ class Radio:
         self._lanes: dict[tuple[int, int], Lane] = {}
         self._in_flight: InFlight[int] = InFlight()
         self._positions: dict[int, Position] = {}
-        self._near: dict[int, tuple[int, ...]] = {}  # who is in range of whom at `_positions`
+        self._near: dict[int, list[int]] = {}  # who is in range of whom at `_positions`
+        self._perfect = self._faults.none and not self._between
         self.sent = self.delivered = self.sent_bytes = 0
 
     def begin(self, now_ns: int) -> None:
@@ -46,7 +47,11 @@ class Radio:
         """Broadcast: `positions` holds the cells of all robots that exist now, the sender among them."""
         self.sent += 1
         self.sent_bytes += len(datagram)
-        for receiver in self._in_range(sender, positions):
+        receivers = self._in_range(sender, positions)
+        if self._perfect:
+            self._in_flight.add_all(now_ns, receivers, (datagram,))
+            return
+        for receiver in receivers:
             for due_ns, arriving in self._lane(sender, receiver).carry(now_ns, datagram):
                 self._in_flight.add(due_ns, receiver, arriving)
 
@@ -56,18 +61,18 @@ class Radio:
         self.delivered += len(arrived)
         return arrived
 
-    def _in_range(self, sender: int, positions: Mapping[int, Position]) -> tuple[int, ...]:
+    def _in_range(self, sender: int, positions: Mapping[int, Position]) -> list[int]:
         """Who hears the sender: worked out once for all that is sent while nobody moves."""
         if positions != self._positions:
             self._positions, self._near = dict(positions), {}
         near = self._near.get(sender)
         if near is None:
             x, y = positions[sender]
-            near = self._near[sender] = tuple(
+            near = self._near[sender] = [
                 receiver
                 for receiver, there in sorted(positions.items())
                 if receiver != sender and math.hypot(there[0] - x, there[1] - y) <= self._range_cells
-            )
+            ]
         return near
 
     def _lane(self, sender: int, receiver: int) -> Lane:

@@ -13,6 +13,8 @@ import numpy as np
 from gatar_edge.sim_sitl.world import World, reachable_cells, reachable_targets
 from gatar_edge.types import BoolGrid, Cell, Decision, RobotKind, TaskKind
 
+_encoder = msgspec.json.Encoder(order="deterministic")
+
 
 @dataclass(frozen=True, slots=True)
 class Result:
@@ -145,7 +147,7 @@ class Tally:
         self.fallbacks += bool(decision.fallback)
         if decision.assignment.kind is TaskKind.TARGET:
             self.unreachable += not self._reached[decision.robot_id][decision.assignment.cell]
-        self._digest.update(msgspec.json.encode(decision, order="deterministic"))
+        self._digest.update(_encoder.encode(decision))
 
     def decided_together(self, decisions: list[Decision]) -> None:
         """Count what only shows across robots at one moment."""

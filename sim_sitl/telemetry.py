@@ -10,7 +10,7 @@ from typing import Any
 from gatar_edge.sim_sitl.core import Core
 from gatar_edge.sim_sitl.modes import Does
 from gatar_edge.sim_sitl.vehicle import Goal
-from gatar_edge.sim_sitl.wire import Message
+from gatar_edge.sim_sitl.wire import Message, Send
 from gatar_edge.types import NS_PER_S
 
 Fields = dict[str, Any]
@@ -291,7 +291,7 @@ class Telemetry:
         stream = self._table[message_id]
         fields = stream.fill(self._core)
         if fields is not None:
-            self._core.emit(stream.name, **fields)
+            self._core.queue(Send(stream.name, fields))
         return fields is not None
 
     def step(self, now_ns: int) -> None:

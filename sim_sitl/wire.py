@@ -21,7 +21,7 @@ _FRAME_MAX_BYTES = 280
 _PER_CALL_MAX_BYTES = 1 << 16
 _RADIO_STATUS = 109  # is never signed
 _TICK_NS = 10_000  # of a signature's timestamp
-_HEADER = struct.Struct("<BBBBBBHB")  # of MAVLink 2, after the magic
+_HEADER = struct.Struct("<BBBBBBBHB")  # of MAVLink 2
 _AHEAD_TICKS = 6_000_000  # one minute
 
 
@@ -33,10 +33,11 @@ class Send(NamedTuple):
 
 
 class _Layout(NamedTuple):
-    """How one message is packed: no `names` where it holds arrays, which pymavlink alone packs."""
+    """How one message is packed: `width` is 0 where it holds arrays, which pymavlink alone packs."""
 
     kind: Any
-    names: frozenset[str]
+    number: int
+    width: int  # how many fields
     ordered: Callable[[dict[str, Any]], tuple[Any, ...]]  # the fields in the order of the wire
     pack: Callable[..., bytes]
     crc_extra: bytes
@@ -46,10 +47,22 @@ class _Layout(NamedTuple):
 def _layout(name: str) -> _Layout:
     kind = getattr(mavlink, f"MAVLink_{name.lower()}_message")
     plain = all(length == 1 for length in kind.lengths) and "s" not in kind.unpacker.format
-    names = kind.ordered_fieldnames if plain and len(kind.ordered_fieldnames) > 1 else ()
-    return _Layout(
-        kind, frozenset(names), itemgetter(*kind.ordered_fieldnames), kind.unpacker.pack, bytes([kind.crc_extra])
-    )
+    width = len(kind.ordered_fieldnames) if plain and len(kind.ordered_fieldnames) > 1 else 0
+    ordered = itemgetter(*kind.ordered_fieldnames)
+    return _Layout(kind, kind.id, width, ordered, kind.unpacker.pack, bytes([kind.crc_extra]))
+
+
+def _slow_checksum(data: bytes) -> int:
+    checksum: int = mavlink.x25crc(data).crc
+    return checksum
+
+
+_checksum: Callable[[bytes], int] = getattr(mavlink, "mcrf4xx", None) or _slow_checksum  # fastcrc, where it is there
+
+
+def _is_one_frame(data: bytes) -> bool:
+    """Whether `data` claims to be one unsigned frame of MAVLink 2."""
+    return len(data) >= 12 and data[0] == 0xFD and not data[2] and len(data) == 12 + data[1]
 
 
 class Wire:
@@ -90,6 +103,8 @@ class Wire:
 
     def parse(self, data: bytes) -> list[Message]:
         """All whole messages in `data` and what was left from before; broken ones are counted and dropped."""
+        if self._codec.signing.secret_key is None and not self._codec.buf_len() and _is_one_frame(data):
+            return self._decode(data)
         messages: list[Message] = []
         chunk: bytes = data[:_PER_CALL_MAX_BYTES]
         for _ in range(len(chunk) + _FRAME_MAX_BYTES):  # each turn takes at least one byte out of the buffer
@@ -110,6 +125,17 @@ class Wire:
                 messages.append(message)
         return messages
 
+    def _decode(self, frame: bytes) -> list[Message]:
+        """`parse` of the usual datagram, without pymavlink's search for where frames begin and end."""
+        try:
+            message = self._codec.decode(bytearray(frame))
+        except (mavlink.MAVError, struct.error, ValueError, TypeError, LookupError):
+            message = None
+        if message is None or message.get_msgId() < 0:
+            self.rejected += 1
+            return []
+        return [message]
+
     def pack(self, send: Send) -> bytes:
         """One message as a MAVLink 2 frame, numbered after the one before."""
         frame = self._frame(send)
@@ -117,14 +143,13 @@ class Wire:
         return frame
 
     def _frame(self, send: Send) -> bytes:
-        layout = _layout(send.name)
-        names = layout.names
-        if self._codec.signing.sign_outgoing or len(send.fields) != len(names) or not names >= send.fields.keys():
-            return bytes(layout.kind(**send.fields).pack(self._codec))
+        name, fields = send
+        layout, codec = _layout(name), self._codec
+        if codec.signing.sign_outgoing or len(fields) != layout.width:
+            return bytes(layout.kind(**fields).pack(codec))
         # the usual case, as pymavlink would pack it at several times the cost
-        payload = layout.pack(*layout.ordered(send.fields)).rstrip(b"\0") or b"\0"
-        number, codec = layout.kind.id, self._codec
-        head = (len(payload), 0, 0, codec.seq, codec.srcSystem, codec.srcComponent, number & 0xFFFF, number >> 16)
-        body = _HEADER.pack(*head) + payload
-        checksum = mavlink.x25crc(body + layout.crc_extra).crc
-        return b"\xfd%b%b" % (body, checksum.to_bytes(2, "little"))
+        payload = layout.pack(*layout.ordered(fields)).rstrip(b"\0") or b"\0"
+        number = layout.number
+        source = codec.seq, codec.srcSystem, codec.srcComponent
+        frame = _HEADER.pack(0xFD, len(payload), 0, 0, *source, number & 0xFFFF, number >> 16) + payload
+        return frame + _checksum(frame[1:] + layout.crc_extra).to_bytes(2, "little")

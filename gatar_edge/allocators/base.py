@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
@@ -15,8 +15,7 @@ NO_TARGET = -1
 Choices = npt.NDArray[np.int32]
 
 
-@dataclass(frozen=True, slots=True)
-class Allocation:
+class Allocation(msgspec.Struct, frozen=True):
     """What an allocator proposes for every robot of a view; ego is row 0."""
 
     choices: Choices  # [N], index into view.targets or NO_TARGET
@@ -58,4 +57,5 @@ def scores_of(times: npt.NDArray[np.float64]) -> Floats:
 
 def in_id_order(view: View) -> npt.NDArray[np.int64]:
     """Rows of the view sorted by robot id: every robot of a graph breaks ties in this order."""
-    return np.argsort([robot.robot_id for robot in view.robots], kind="stable")
+    ids = [robot.robot_id for robot in view.robots]
+    return np.array(sorted(range(len(ids)), key=ids.__getitem__), dtype=np.int64)

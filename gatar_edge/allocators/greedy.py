@@ -14,8 +14,8 @@ def greedy_pairs(times: npt.NDArray[np.float64]) -> Choices:
     robots, targets = times.shape
     choices = [NO_TARGET] * robots
     taken = [False] * targets
-    pairs = np.argsort(times, axis=None, kind="stable")
-    rows, columns = np.divmod(pairs[: int(np.isfinite(times).sum())], targets)
+    pairs = times.argsort(axis=None, kind="stable")
+    rows, columns = np.divmod(pairs[: np.count_nonzero(np.isfinite(times))], targets)
     left = min(robots, targets)
     for robot, target in zip(rows.tolist(), columns.tolist(), strict=True):
         if choices[robot] == NO_TARGET and not taken[target]:

@@ -8,9 +8,10 @@ Two continuations of the same moment are compared with each other, never with th
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
+from msgspec.structs import replace
 
 from gatar_edge.agent import Agent
 from gatar_edge.grid import UNREACHABLE, path_lengths

@@ -11,9 +11,10 @@ import base64
 import binascii
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import msgspec
+from msgspec.structs import replace
 
 from gatar_edge import channels as ch
 from gatar_edge.agent import Agent, Identity

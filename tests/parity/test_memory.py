@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from learning import ahead_data
+from msgspec.structs import replace
 
 from gatar_edge.absent import out_of_range
 from gatar_edge.features import features

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 from builders import observation, robot
+from msgspec.structs import replace
 
 from gatar_edge.absent import REMEMBER_S, expected_cell, out_of_range
 from gatar_edge.agent import Agent, Identity, Inbox

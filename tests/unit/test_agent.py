@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from builders import observation
+from msgspec.structs import replace
 
 from gatar_edge.agent import Agent, Identity, Inbox
 from gatar_edge.allocators.base import Allocation, Allocator

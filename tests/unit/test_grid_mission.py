@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -61,7 +62,7 @@ def test_chasing_what_lies_behind_walls_is_counted() -> None:
     seen = observe(walled, 1, (0, 0), 1.0, 0)
     for target in (walled.targets[:1], walled.targets[1:]):
         agent = Agent(Identity(1, RobotKind.UGV, 1.0), config, make("greedy")(), DEMO_KEY)
-        tally.decided(agent.tick(0, Inbox(replace(seen, targets=target))).decision, 0)
+        tally.decided(agent.tick(0, Inbox(msgspec.structs.replace(seen, targets=target))).decision, 0)
     assert tally.unreachable == 1
 
 

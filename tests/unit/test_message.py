@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from gatar_edge.errors import ConfigError, MessageCause, MessageError
 from gatar_edge.keys import DEMO_KEY

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -42,7 +43,7 @@ KNOWN = Known(
 
 
 def known(**changes: object) -> Known:
-    return dataclasses.replace(KNOWN, **changes)  # type: ignore[arg-type]
+    return msgspec.structs.replace(KNOWN, **changes)  # type: ignore[arg-type]
 
 
 def limits(**changes: object) -> Limits:

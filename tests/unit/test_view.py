@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from builders import belief_of, robot, view_of
+from msgspec.structs import replace
 
 from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.grid import UNREACHABLE
