@@ -77,6 +77,8 @@ class CommandClient:
     @property
     def due_ns(self) -> int:
         """When `poll` has something to do again, unless something arrives or is commanded first."""
+        if not self._pending:
+            return NEVER_NS
         return min((p.sent_ns + RETRY_NS for p in self._pending.values() if p.result is None), default=NEVER_NS)
 
     def poll(self, now_ns: int) -> list[Message]:

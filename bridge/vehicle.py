@@ -203,15 +203,18 @@ class Vehicle:
 
     def due_ns(self, now_ns: int) -> int:
         """When `poll` has something to do again, unless something arrives or is commanded first."""
-        due_ns = self._rates.due_ns(self.seen.unknown)
-        for machine in (self.launch, self.guided, self.retask, self.modes, self.transfer, self.commands):
-            due_ns = min(due_ns, machine.due_ns)
-            if due_ns <= now_ns:
-                return 0
-        if self._waits_for_current(now_ns):
+        driving_ns = min(self.guided.due_ns, self.retask.due_ns, self.commands.due_ns)
+        if driving_ns <= now_ns or self._waits_for_current(now_ns):
             return 0
         silent_ns = min(self._heard_ns + SILENT_NS, self.seen.heartbeat_ns + HEARTBEAT_LOST_NS) + 1
-        return min(due_ns, silent_ns) if self.connected(now_ns) else due_ns
+        return min(
+            driving_ns,
+            self.launch.due_ns,
+            self.modes.due_ns,
+            self.transfer.due_ns,
+            self._rates.due_ns(self.seen.unknown),
+            silent_ns if self.connected(now_ns) else driving_ns,
+        )
 
     def _waits_for_current(self, now_ns: int) -> bool:
         """Whether it may be driving the remembered mission, and has not told yet."""

@@ -14,10 +14,11 @@ import numpy as np
 from gatar_edge.absent import REMEMBER_S, out_of_range
 from gatar_edge.allocators.base import Allocation, Allocator, Negotiator
 from gatar_edge.allocators.greedy import Greedy
-from gatar_edge.belief import merged, nothing_known, observed, window_at, window_origin
+from gatar_edge.belief import merged, nothing_known, observed, same_sight, window_at, window_origin
 from gatar_edge.config import AgentConfig
 from gatar_edge.message import NeighborMessage, encode
 from gatar_edge.neighbors import Heard, HearOutcome, Neighbor, NeighborTable
+from gatar_edge.roster import remembered, taking_part
 from gatar_edge.talk import TALK, Talk
 from gatar_edge.tasks import Rules, Task, decide, to_command
 from gatar_edge.types import (
@@ -140,7 +141,7 @@ class Agent:
     def observe(self, observation: Observation) -> None:
         """Take in what the robot sees; the same as before adds nothing to the same belief."""
         before, self._observation = self._observation, observation
-        if before is None or self._looked is not self.belief or not _same_sight(before, observation):
+        if before is None or self._looked is not self.belief or not same_sight(before, observation):
             self.belief = self._looked = observed(self.belief, observation)
 
     def hear(self, datagram: bytes, now_ns: int) -> Heard:
@@ -233,26 +234,14 @@ class Agent:
         ego = RobotState(
             identity.robot_id, identity.kind, observation.cell, identity.speed_cells_s, self.task.kind, self.task.cell
         )
-        others = [
-            _state_of(neighbor, now_ns)
-            for neighbor in self.neighbors.fresh(now_ns, observation.cell)
-            if self._on_grid(neighbor.message)
-        ]
+        others = taking_part(self.neighbors.fresh(now_ns, observation.cell), config.grid, now_ns)
         near = [robot for robot in (ego, *others) if math.dist(robot.cell, ego.cell) <= config.r_comm]
-        absent = out_of_range(self._silent(now_ns, config.max_neighbors - len(others)), near, config.r_comm)
+        silent = remembered(self.neighbors.silent(now_ns, int(REMEMBER_S * NS_PER_S)), config.grid, now_ns)
+        absent = out_of_range(silent[: config.max_neighbors - len(others)], near, config.r_comm)
         view = build_view(
             now_ns, ego, others, self.belief, config.r_comm, config.hop_limit, config.max_candidates, absent
         )
         return without(view, self.shunned) if self.shunned else view
-
-    def _silent(self, now_ns: int, most: int) -> list[RobotState]:
-        """Robots that left the graph not too long ago, as they were then: the `most` last heard."""
-        silent = [
-            _state_of(neighbor, now_ns)
-            for neighbor in self.neighbors.silent(now_ns, int(REMEMBER_S * NS_PER_S))
-            if self._on_grid(neighbor.message) and self._on_grid(neighbor.message, of_task=True)
-        ]
-        return silent[:most]
 
     def _listen(self, datagram: bytes, now_ns: int) -> HearOutcome:
         """Hand the allocator what its like told."""
@@ -261,12 +250,6 @@ class Agent:
             self._negotiator.heard(payload, now_ns)
         self.neighbors.counters[outcome] += 1
         return outcome
-
-    def _on_grid(self, message: NeighborMessage, of_task: bool = False) -> bool:
-        """A neighbour that does not know its place yet, or claims to be elsewhere, takes no part in the allocation."""
-        if of_task and message.task is TaskKind.HOLD:
-            return True
-        return self.config.grid.has(message.task_cell if of_task else message.cell) and message.speed_cells_s > 0
 
     def _allocate(self, view: View) -> tuple[Allocation, str, str]:
         """The configured allocator's proposal, or the fallback's with the reason why."""
@@ -303,21 +286,6 @@ class Agent:
             candidates=(),
             choices=(),
         )
-
-
-def _same_sight(one: Observation, other: Observation) -> bool:
-    """Whether two observations show the same by being made of the same arrays, as the simulator's are."""
-    return (
-        one.cell == other.cell
-        and one.seen is other.seen
-        and one.obstacles is other.obstacles
-        and one.targets is other.targets
-    )
-
-
-def _state_of(neighbor: Neighbor, now_ns: int) -> RobotState:
-    m = neighbor.message
-    return RobotState(m.robot_id, m.kind, m.cell, m.speed_cells_s, m.task, m.task_cell, neighbor.age_ns(now_ns))
 
 
 def _candidates(view: View, allocation: Allocation) -> tuple[Candidate, ...]:

@@ -44,6 +44,16 @@ def observed(belief: ByteGrid, observation: Observation) -> ByteGrid:
     return _frozen(new)
 
 
+def same_sight(one: Observation, other: Observation) -> bool:
+    """Whether two observations show the same by being made of the same arrays, as the simulator's are."""
+    return (
+        one.cell == other.cell
+        and one.seen is other.seen
+        and one.obstacles is other.obstacles
+        and one.targets is other.targets
+    )
+
+
 def merged(belief: ByteGrid, origin: Cell, window: ByteGrid) -> ByteGrid:
     """The belief after hearing `window` [w, h] of states, whose cell [0, 0] is `origin`. Parts outside are ignored."""
     x0, y0 = max(0, origin[0]), max(0, origin[1])

@@ -57,12 +57,15 @@ _encoder = msgspec.json.Encoder(order="deterministic")
 class Recorder:
     """Writes one log. `run_info` comes from `runinfo.describe_run`; all times are of one injected clock."""
 
-    def __init__(self, path: Path, run_info: dict[str, Any], now_ns: int) -> None:
-        """Open `path` for writing. Raises LogError where that is impossible; later failures only stop the recording."""
+    def __init__(self, path: Path, run_info: dict[str, Any], now_ns: int, *, durable: bool = True) -> None:
+        """Open `path` for writing. Raises LogError where that is impossible; later failures only stop the recording.
+
+        `durable`: what is flushed also survives that the machine goes down, to within `SYNC_NS`.
+        """
         self.stopped = ""  # why the recording ended before `close`
         self.messages = 0
         self.clock_steps_back = 0
-        self._path = path
+        self._path, self._durable = path, durable
         self._run_info = _encoder.encode({"format": ch.FORMAT, **run_info})
         self._spec = msgspec.convert(run_info.get("config", {}).get("grid", {}), GridSpec)
         self._kinds = {robot["robot_id"]: RobotKind(robot["kind"]) for robot in run_info.get("robots", ())}
@@ -235,7 +238,7 @@ class Recorder:
             return
         try:
             self._writer.flush()
-            if sync:
+            if sync and self._durable:
                 self._stream.sync()
         except OSError as error:
             self._stop(error)

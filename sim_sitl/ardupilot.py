@@ -7,15 +7,16 @@ from dataclasses import replace
 
 from gatar_edge.sim_sitl.ardupilot_commands import COMMANDS, change_mode, position_target, reposition
 from gatar_edge.sim_sitl.ardupilot_mission import RULES, ArduRunner, mission_current
-from gatar_edge.sim_sitl.core import Core, Phase, RunnerLike
+from gatar_edge.sim_sitl.contracts import RunnerLike
+from gatar_edge.sim_sitl.core import Core, Phase
 from gatar_edge.sim_sitl.failsafe import Fence, use_speed_parameter
 from gatar_edge.sim_sitl.mission_runner import ACTIVE
 from gatar_edge.sim_sitl.modes import ARDUCOPTER, ARDUROVER, Does, Mode
 from gatar_edge.sim_sitl.orders import Result
 from gatar_edge.sim_sitl.parameters import ARDUCOPTER as COPTER_PARAMETERS
 from gatar_edge.sim_sitl.parameters import ARDUROVER as ROVER_PARAMETERS
-from gatar_edge.sim_sitl.telemetry import COMMON as COMMON_STREAMS
-from gatar_edge.sim_sitl.telemetry import Stream, ekf_status_report, home_position, take_origin
+from gatar_edge.sim_sitl.streams import COMMON as COMMON_STREAMS
+from gatar_edge.sim_sitl.streams import Stream, ekf_status_report, home_position, take_origin
 from gatar_edge.sim_sitl.vehicle import Goal
 from gatar_edge.sim_sitl.wire import Message
 

@@ -9,7 +9,7 @@ from gatar_edge.sim_sitl.mission_items import NAV_LAST, TAKEOFF, Ack, Item, chec
 from gatar_edge.sim_sitl.mission_runner import ACTIVE, COMPLETE, NO_MISSION, NOT_STARTED, Runner
 from gatar_edge.sim_sitl.mission_server import Rules
 from gatar_edge.sim_sitl.modes import Does, by_name
-from gatar_edge.sim_sitl.telemetry import Fields
+from gatar_edge.sim_sitl.streams import Fields
 from gatar_edge.sim_sitl.vehicle import Goal
 from gatar_edge.types import NS_PER_S
 

@@ -9,7 +9,7 @@ from enum import IntEnum
 
 from gatar_edge.sim_sitl.core import Core
 from gatar_edge.sim_sitl.mission_server import Client
-from gatar_edge.sim_sitl.telemetry import home_position
+from gatar_edge.sim_sitl.streams import home_position
 from gatar_edge.sim_sitl.vehicle import Goal
 from gatar_edge.sim_sitl.wire import Message
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 
-from gatar_edge.sim_sitl.core import Core, RunnerLike
+from gatar_edge.sim_sitl.contracts import RunnerLike
+from gatar_edge.sim_sitl.core import Core
 from gatar_edge.sim_sitl.failsafe import use_speed_parameter
 from gatar_edge.sim_sitl.modes import PX4 as MODES
 from gatar_edge.sim_sitl.modes import Does, Mode, by_name
 from gatar_edge.sim_sitl.parameters import PX4 as PARAMETERS
 from gatar_edge.sim_sitl.px4_commands import Offboard, change_mode, commands
 from gatar_edge.sim_sitl.px4_mission import RULES, Px4Runner, mission_current
-from gatar_edge.sim_sitl.telemetry import COMMON as COMMON_STREAMS
-from gatar_edge.sim_sitl.telemetry import Stream, extended_sys_state, home_position, take_origin
+from gatar_edge.sim_sitl.streams import COMMON as COMMON_STREAMS
+from gatar_edge.sim_sitl.streams import Stream, extended_sys_state, home_position, take_origin
 from gatar_edge.sim_sitl.vehicle import Goal
 from gatar_edge.sim_sitl.wire import Message
 

@@ -7,7 +7,7 @@ from gatar_edge.sim_sitl.mission_items import NAV_LAST, Ack, Item, check_px4, st
 from gatar_edge.sim_sitl.mission_runner import ACTIVE, COMPLETE, NO_MISSION, NOT_STARTED, Runner
 from gatar_edge.sim_sitl.mission_server import Rules
 from gatar_edge.sim_sitl.modes import Does, by_name
-from gatar_edge.sim_sitl.telemetry import Fields
+from gatar_edge.sim_sitl.streams import Fields
 from gatar_edge.types import NS_PER_S
 
 _MS = 1_000_000

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from gatar_edge.sim_sitl.core import Core, CoreStack
+from gatar_edge.sim_sitl.contracts import CoreStack
+from gatar_edge.sim_sitl.core import Core
 from gatar_edge.sim_sitl.orders import Handler
-from gatar_edge.sim_sitl.telemetry import Stream
+from gatar_edge.sim_sitl.streams import Stream
 from gatar_edge.sim_sitl.wire import Message
 
 

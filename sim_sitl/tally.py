@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -149,7 +150,7 @@ class Tally:
             self.unreachable += not self._reached[decision.robot_id][decision.assignment.cell]
         self._digest.update(_encoder.encode(decision))
 
-    def decided_together(self, decisions: list[Decision]) -> None:
+    def decided_together(self, decisions: Sequence[Decision]) -> None:
         """Count what only shows across robots at one moment."""
         goals = [d.assignment.cell for d in decisions if d.assignment.kind is TaskKind.TARGET]
         self.duplicates += len(goals) - len(set(goals))

@@ -68,7 +68,8 @@ def open_fleet(
     from gatar_edge.sim_sitl.fleet import Fleet
 
     factory = factory_of(allocator)
-    log = Recorder(log_path, run_info(config, allocator), 0) if log_path is not None else None
+    # a mission can be flown again: to wait for the disk, many times a second in virtual time, would protect nothing
+    log = Recorder(log_path, run_info(config, allocator), 0, durable=False) if log_path is not None else None
     fleet = Fleet(config, factory, log, gateway)
     try:
         yield fleet

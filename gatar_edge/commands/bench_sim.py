@@ -24,6 +24,8 @@ def command(team: str, seed: int, allocator: str, stack: str, missions: int, as_
     Example:
       gatar bench sim --team 6A6G --json
     """
+    import tcod.map  # noqa: F401  # otherwise loaded at a ground robot's first look: no part of the flight
+
     from gatar_edge.commands._sim import fleet_config, open_fleet
     from gatar_edge.sim_sitl.fleet import lock_step
 
