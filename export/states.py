@@ -6,6 +6,7 @@ Random ones cover every size; flown ones are what robots really meet, with tasks
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from itertools import count, cycle, islice
 
 import numpy as np
@@ -79,5 +80,5 @@ def _flown() -> Iterator[View]:
     for seed, (name, loss) in zip(count(VALIDATION_SEEDS), cycle(FLOWN), strict=False):
         views: list[View] = []
         world = random_world(Team.parse(name), None, FLOWN_SIZE, FLOWN_SIZE, seed)
-        fly(GridMission(world, config, LinkFaults(loss)), lambda views=views: _Watched(views))
+        fly(GridMission(world, config, LinkFaults(loss)), partial(_Watched, views))
         yield from views
