@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import msgspec
 
@@ -16,7 +16,6 @@ from gatar_edge.agent import Agent, Identity, Inbox, Outbox
 from gatar_edge.allocators.base import Allocator
 from gatar_edge.bridge.driver import VehicleDriver
 from gatar_edge.bridge.settings import DriverConfig
-from gatar_edge.foxglove import Level
 from gatar_edge.health import Shunned
 from gatar_edge.keys import DEMO_KEY
 from gatar_edge.record import Recorder
@@ -24,20 +23,13 @@ from gatar_edge.separation import occupied
 from gatar_edge.sim_sitl.body import Body
 from gatar_edge.sim_sitl.faulty_link import End, FaultyLink
 from gatar_edge.sim_sitl.fleet_config import FleetConfig
+from gatar_edge.sim_sitl.fleet_log import write_beginning, write_fault, write_thought, write_wire
 from gatar_edge.sim_sitl.incident_types import ClockSkew, KillCompanion
 from gatar_edge.sim_sitl.incidents import Script, Turn, happen
 from gatar_edge.sim_sitl.radio import Radio
 from gatar_edge.sim_sitl.tally import Result, Tally
 from gatar_edge.sim_sitl.world import observe
-from gatar_edge.types import (
-    NS_PER_S,
-    Cell,
-    Decision,
-    Observation,
-    RobotKind,
-    TaskKind,
-    VehicleCommand,
-)
+from gatar_edge.types import NS_PER_S, Cell, Decision, Observation, RobotKind, TaskKind, VehicleCommand
 
 PUMPS = 8  # exchanges between driver and autopilot within one instant, at most
 
@@ -198,8 +190,9 @@ class Fleet:
             for robot in talking:
                 robot.speak(now_ns, self.gateway)
             talking = [robot for robot in talking if robot.listen(now_ns)]
-        for robot in robots:
-            self._record_wire(robot, now_ns)
+        if self.log is not None:
+            for robot in robots:
+                write_wire(self.log, robot)
 
     def result(self) -> Result:
         """The mission's figures."""
@@ -216,11 +209,7 @@ class Fleet:
     def _begin(self, now_ns: int) -> None:
         self.began_ns = self._next_tick_ns = now_ns
         if self.log is not None:
-            self.log.truth_map(self.config.world.obstacles, self.config.world.targets, now_ns)
-            faults = self.config.faults
-            for link in ("radio", "to_vehicle", "to_companion"):
-                if not getattr(faults, link).none:
-                    self.log.fault(link, 0, msgspec.to_builtins(getattr(faults, link)), now_ns)
+            write_beginning(self.log, self.config, now_ns)
         self._launch_m = {robot.robot_id: robot.body.travelled_m for robot in self.robots}
         self.radio.begin(now_ns)
         for robot in self.robots:
@@ -230,17 +219,15 @@ class Fleet:
         """What the scenario has in store."""
         for turn in self._script.due(elapsed_ns):
             robot = self._by_id[turn.incident.robot]
-            self._record_fault(robot, turn.text, msgspec.to_builtins(turn.incident) | {"over": turn.over})
+            if self.log is not None:
+                details = msgspec.to_builtins(turn.incident) | {"over": turn.over}
+                write_fault(self.log, robot.robot_id, turn.text, details, self.now_ns)
             robot.suffer(turn, self.now_ns)
         for robot in self.robots:
             if robot.alive and self.config.faults.killed(robot.robot_id, elapsed_ns):
                 robot.alive = robot.thinks = False
-                self._record_fault(robot, "killed by the scenario", {"do": "kill_robot"})
-
-    def _record_fault(self, robot: Robot, text: str, details: dict[str, Any]) -> None:
-        if self.log is not None:
-            self.log.fault(str(details["do"]), robot.robot_id, details, self.now_ns)
-            self.log.text(Level.WARNING, robot.robot_id, text, self.now_ns)
+                if self.log is not None:
+                    write_fault(self.log, robot.robot_id, "killed by the scenario", {"do": "kill_robot"}, self.now_ns)
 
     def _positions(self) -> dict[int, Cell]:
         return {robot.robot_id: robot.body.cell for robot in self.robots if robot.thinks}
@@ -294,34 +281,9 @@ class Fleet:
             self.log.truth_visit(robot.robot_id, seen.cell, self.step, now_ns)
         self.tally.decided(out.decision, latency_ns)
         if self.log is not None:
-            decision = msgspec.structs.replace(out.decision, latency_ns=latency_ns)
-            self._record(robot, seen, decision, (out.command, sent), now_ns)
+            write_thought(self.log, thought, sent, now_ns)
         for datagram in (out.message, *out.talks):
             self._send(robot, datagram, positions, now_ns)
-
-    def _record_wire(self, robot: Robot, now_ns: int) -> None:
-        """Empty the driver's buffers, into the log where there is one."""
-        frames, events = robot.driver.frames(), robot.driver.events()
-        if self.log is None:
-            return
-        for frame in frames:
-            self.log.mavlink(robot.robot_id, "tx" if frame.outgoing else "rx", frame.raw, frame.t_ns)
-        for event in events:
-            self.log.text(Level.INFO, robot.robot_id, event.text, event.t_ns)
-
-    def _record(
-        self,
-        robot: Robot,
-        seen: Observation,
-        decision: Decision,
-        commands: tuple[VehicleCommand, VehicleCommand],
-        now_ns: int,
-    ) -> None:
-        assert self.log is not None
-        self.log.observation(seen)
-        self.log.decision(decision, commands[0], commands[1], now_ns)
-        self.log.vehicle(robot.robot_id, robot.driver.state(now_ns), now_ns)
-        self.log.belief(robot.robot_id, robot.agent.belief, self.config.agent.grid, now_ns)
 
 
 def lock_step(fleet: Fleet) -> Iterator[int]:
