@@ -73,13 +73,16 @@ class Robot:
         seed = config.world.seed * 64 + index
         self.wire = FaultyLink(*config.faults.link_of(self.robot_id), seed=seed)
 
-    def speak(self, now_ns: int, gateway: Gateway | None) -> None:
-        """Autopilot and companion say what they have to say."""
+    def vehicle_speaks(self, now_ns: int, gateway: Gateway | None) -> None:
+        """The autopilot says what it has to say."""
         said = self.body.autopilot.take_frames()
         if said:
             if gateway is not None:
                 gateway.send(b"".join(said))
             self.wire.send_frames(now_ns, End.VEHICLE, said)
+
+    def companion_speaks(self, now_ns: int) -> None:
+        """So does the driver, where its computer runs."""
         if self.thinks:
             self.wire.send(now_ns, End.COMPANION, self.driver.poll(now_ns))
 
@@ -188,7 +191,9 @@ class Fleet:
         talking = robots
         for _ in range(PUMPS):
             for robot in talking:
-                robot.speak(now_ns, self.gateway)
+                robot.vehicle_speaks(now_ns, self.gateway)
+            for robot in talking:
+                robot.companion_speaks(now_ns)
             talking = [robot for robot in talking if robot.listen(now_ns)]
         if self.log is not None:
             for robot in robots:
@@ -236,16 +241,15 @@ class Fleet:
         """Everything that is due on the air, relays at once."""
         positions: dict[int, Cell] | None = None  # worked out where somebody relays
         while deliveries := self.radio.deliver(now_ns):
-            for receiver, datagram in deliveries:
-                robot = self._by_id[receiver]
-                if not robot.thinks:
-                    continue
-                heard = robot.agent.hear(datagram, now_ns + robot.skew_ns)
-                if self.log is not None:
-                    self.log.heard(receiver, datagram, heard.outcome, now_ns + robot.skew_ns)
-                if heard.relay is not None:
+            hearing = [(self._by_id[receiver], data) for receiver, data in deliveries if self._by_id[receiver].thinks]
+            heard = [(robot, data, robot.agent.hear(data, now_ns + robot.skew_ns)) for robot, data in hearing]
+            if self.log is not None:
+                for robot, data, what in heard:
+                    self.log.heard(robot.robot_id, data, what.outcome, now_ns + robot.skew_ns)
+            for robot, _, what in heard:
+                if what.relay is not None:
                     positions = positions or self._positions()
-                    self._send(robot, heard.relay, positions, now_ns)
+                    self._send(robot, what.relay, positions, now_ns)
 
     def _send(self, robot: Robot, datagram: bytes, positions: dict[int, Cell], now_ns: int) -> None:
         self.tally.sent(datagram)
