@@ -83,8 +83,9 @@ class Robot:
 
     def companion_speaks(self, now_ns: int) -> None:
         """So does the driver, where its computer runs."""
-        if self.thinks:
-            self.wire.send(now_ns, End.COMPANION, self.driver.poll(now_ns))
+        said = self.driver.poll(now_ns) if self.thinks else b""
+        if said:
+            self.wire.send(now_ns, End.COMPANION, said)
 
     def listen(self, now_ns: int) -> bool:
         """They take in what has arrived; whether anything has."""
