@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import io
 import os
+import struct
 from collections import namedtuple
 from collections.abc import Callable
+from operator import attrgetter
 from typing import Any, NamedTuple, cast
 
 from gatar_edge.bridge import wire
@@ -25,6 +27,7 @@ MAX_PARSE_BYTES = 65536
 _V2_MAGIC = 0xFD
 _V2_HEADER, _V1_HEADER = 10, 6
 _V2_SIGNED = 0x01
+_HEADER = struct.Struct("<BBBBBBBHB")  # of MAVLink 2
 
 
 class Codec:
@@ -40,7 +43,8 @@ class Codec:
     def encode(self, message: Message) -> bytes:
         """The frame of a message that a companion sends; `KeyError` for one that it never does."""
         built = _BUILDERS[type(message)](message)
-        frame: bytes = built.pack(self._mav)
+        layout = _LAYOUTS.get(built.id)
+        frame = bytes(built.pack(self._mav)) if layout is None else _plainly_packed(built, layout, self._mav)
         if self.signing is not None:
             frame = self.signing.sign(_with_flags(frame, frame[2] | _V2_SIGNED, built.crc_extra))
         self._mav.seq = (self._mav.seq + 1) % 256
@@ -178,7 +182,9 @@ class _Layout(NamedTuple):
     """How one message without arrays lies in its payload, from pymavlink's tables."""
 
     size: int
+    pack: Callable[..., bytes]
     unpack: Callable[[bytes], tuple[Any, ...]]
+    values: Callable[[Any], Any]  # of a pymavlink message, in the order of the wire, and its id
     named: Callable[[tuple[Any, ...]], Any]  # the fields as attributes, which readers ask for
     read: Callable[[Any], Message] | None
     crc_extra: bytes
@@ -187,14 +193,30 @@ class _Layout(NamedTuple):
 def _layouts() -> dict[int, _Layout]:
     layouts = {}
     for number, kind in mavlink.mavlink_map.items():
-        if all(length == 1 for length in kind.lengths) and "s" not in kind.unpacker.format:
-            fields = cast(Any, namedtuple)("Fields", kind.ordered_fieldnames)
-            unpacker, read = kind.unpacker, _READERS.get(number)
-            layouts[number] = _Layout(unpacker.size, unpacker.unpack, fields._make, read, bytes([kind.crc_extra]))
+        names, unpacker = kind.ordered_fieldnames, kind.unpacker
+        if all(length == 1 for length in kind.lengths) and "s" not in unpacker.format:
+            fields = cast(Any, namedtuple)("Fields", names)
+            layouts[number] = _Layout(
+                size=unpacker.size,
+                pack=unpacker.pack,
+                unpack=unpacker.unpack,
+                values=attrgetter(*names, "id"),  # one too many, so that a single field also comes in a tuple
+                named=fields._make,
+                read=_READERS.get(number),
+                crc_extra=bytes([kind.crc_extra]),
+            )
     return layouts
 
 
 _LAYOUTS = _layouts()
+
+
+def _plainly_packed(built: Any, layout: _Layout, mav: Any) -> bytes:
+    """A pymavlink message without arrays as a frame: what its own `pack` would give, at a third of its cost."""
+    payload = layout.pack(*layout.values(built)[:-1]).rstrip(b"\0") or b"\0"
+    source = mav.seq, mav.srcSystem, mav.srcComponent
+    frame = _HEADER.pack(_V2_MAGIC, len(payload), 0, 0, *source, built.id & 0xFFFF, built.id >> 16) + payload
+    return frame + _checksum(frame[1:] + layout.crc_extra).to_bytes(2, "little")
 
 
 def _plain_frame(data: bytes) -> Received | None:

@@ -12,8 +12,6 @@ import math
 from collections import deque
 from dataclasses import replace
 
-import msgspec
-
 from gatar_edge.bridge import dialect, wire
 from gatar_edge.bridge.codec import Codec, strip_signature
 from gatar_edge.bridge.geo import Point, inside_grid, is_rest, wgs84_to_grid_m
@@ -23,7 +21,7 @@ from gatar_edge.bridge.profiles import Unsupported, choose
 from gatar_edge.bridge.safety import GOAL_REFUSALS, Known, Refusal, gate
 from gatar_edge.bridge.settings import DriverConfig
 from gatar_edge.bridge.signing import TICK_NS, Signing
-from gatar_edge.bridge.status import DriverEvent, EventKind, Status
+from gatar_edge.bridge.status import DriverEvent, EventKind, FrameRecord, Status
 from gatar_edge.bridge.vehicle import Vehicle
 from gatar_edge.driver_memory import NOTHING, DriverMemory
 from gatar_edge.separation import Place
@@ -31,14 +29,6 @@ from gatar_edge.types import NS_PER_S, Cell, Hold, Mission, VehicleCommand, Vehi
 
 MAX_EVENTS = 1000
 MAX_FRAMES = 8192
-
-
-class FrameRecord(msgspec.Struct, frozen=True):
-    """One raw MAVLink frame for the log, without its signature."""
-
-    t_ns: int
-    outgoing: bool
-    raw: bytes
 
 
 class VehicleDriver:

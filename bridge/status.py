@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
+import msgspec
+
 
 class Status(StrEnum):
     """How the pursuit of the current command goes. The failures are the allocator's to act on: give the target back."""
@@ -55,3 +57,11 @@ class DriverEvent:
     t_ns: int
     kind: EventKind
     text: str
+
+
+class FrameRecord(msgspec.Struct, frozen=True):
+    """One raw MAVLink frame for the log, without its signature."""
+
+    t_ns: int
+    outgoing: bool
+    raw: bytes

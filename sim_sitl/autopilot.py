@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable
 
 from gatar_edge.sim_sitl.ardupilot import ArduPilot
@@ -13,6 +12,7 @@ from gatar_edge.sim_sitl.failsafe import GroundStationWatch
 from gatar_edge.sim_sitl.mission_items import Item
 from gatar_edge.sim_sitl.modes import Mode
 from gatar_edge.sim_sitl.orders import Order, Result, acknowledge, order_from
+from gatar_edge.sim_sitl.parameter_server import ParameterServer
 from gatar_edge.sim_sitl.px4 import Px4
 from gatar_edge.sim_sitl.stack import Stack
 from gatar_edge.sim_sitl.telemetry import Telemetry
@@ -24,7 +24,6 @@ __all__ = ["AutopilotConfig", "SimAutopilot", "Truth"]
 
 _STEP_NS = 100_000_000
 _HOME_SHARE = 0.45  # of the time until the EKF is ready, home is set: 19 of 42 s, as measured
-_PARAMETERS_PER_STEP = 20
 _MAV_TYPE = {"copter": 2, "rover": 10}
 _COMPONENTS = (0, 1)  # that a message may be addressed to
 # What REQUEST_DATA_STREAM calls by one number; 0 is all.
@@ -111,8 +110,7 @@ class SimAutopilot:
             self._heartbeat_ns = max(self._heartbeat_ns + NS_PER_S, now_ns + 1)
             self._heartbeat()
         self._telemetry.step(now_ns)
-        if self._listed:
-            self._list_parameters()
+        self._parameters.step()
 
     def take(self) -> bytes:
         """All that was sent since the last call, as MAVLink 2 frames."""
@@ -146,7 +144,7 @@ class SimAutopilot:
         self._moved_ns = now_ns
         self._heartbeat_ns = now_ns
         self._announced = self._core.mode.number
-        self._listed: deque[str] = deque()
+        self._parameters = ParameterServer(self._core, self._stack)
         self._stack.booted(self._core)
         self._wake()
 
@@ -228,22 +226,6 @@ class SimAutopilot:
     def _may_reboot(self, order: Order) -> Result:
         return Result.DENIED if self._core.is_armed or order.params[0] != 1 else Result.ACCEPTED
 
-    def _parameter_list(self, message: Message) -> None:
-        names = (self._core.params.name_of(index) for index in range(len(self._core.params)))
-        self._listed = deque(name for name in names if name is not None)
-
-    def _parameter_read(self, message: Message) -> None:
-        params = self._core.params
-        by_index = message.param_index >= 0
-        name = params.name_of(message.param_index) if by_index else message.param_id
-        if name is not None and name in params:
-            self._say_parameter(name, indexed=by_index)
-
-    def _parameter_set(self, message: Message) -> None:
-        if self._core.params.set_from_wire(message.param_id, message.param_value):
-            self._stack.parameter_changed(self._core, message.param_id)
-            self._say_parameter(message.param_id)
-
     def _set_up_signing(self, message: Message) -> None:
         if self.config.stack != "ardupilot":
             return
@@ -287,19 +269,6 @@ class SimAutopilot:
             if self._stack.announces_mode:
                 self._heartbeat()
 
-    def _say_parameter(self, name: str, indexed: bool = False) -> None:
-        params = self._core.params
-        index = params.index_of(name) if indexed or not self._stack.hides_parameter_index else 65535
-        self._core.emit(
-            "PARAM_VALUE",
-            param_id=name.encode(), param_value=params.to_wire(name), param_type=params.type_of(name),
-            param_count=len(params), param_index=index,
-        )  # fmt: skip
-
-    def _list_parameters(self) -> None:
-        for _ in range(min(_PARAMETERS_PER_STEP, len(self._listed))):
-            self._say_parameter(self._listed.popleft(), indexed=True)
-
 
 _REBOOT = 246
 _A = SimAutopilot
@@ -311,9 +280,9 @@ _STREAM_COMMANDS: dict[int, Callable[[SimAutopilot, Order], Result]] = {
     520: _A._request_version,
 }
 _HANDLERS: dict[str, Callable[[SimAutopilot, Message], None]] = {
-    "PARAM_REQUEST_LIST": _A._parameter_list,
-    "PARAM_REQUEST_READ": _A._parameter_read,
-    "PARAM_SET": _A._parameter_set,
+    "PARAM_REQUEST_LIST": lambda autopilot, message: autopilot._parameters.list_all(),
+    "PARAM_REQUEST_READ": lambda autopilot, message: autopilot._parameters.read(message),
+    "PARAM_SET": lambda autopilot, message: autopilot._parameters.set(message),
     "PING": _A._ping,
     "REQUEST_DATA_STREAM": _A._data_stream,
     "SETUP_SIGNING": _A._set_up_signing,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import msgspec
 
@@ -16,7 +16,6 @@ from gatar_edge.agent import Agent, Identity, Inbox, Outbox
 from gatar_edge.allocators.base import Allocator
 from gatar_edge.bridge.driver import VehicleDriver
 from gatar_edge.bridge.settings import DriverConfig
-from gatar_edge.foxglove import Level
 from gatar_edge.health import Shunned
 from gatar_edge.keys import DEMO_KEY
 from gatar_edge.record import Recorder
@@ -24,20 +23,13 @@ from gatar_edge.separation import occupied
 from gatar_edge.sim_sitl.body import Body
 from gatar_edge.sim_sitl.faulty_link import End, FaultyLink
 from gatar_edge.sim_sitl.fleet_config import FleetConfig
+from gatar_edge.sim_sitl.fleet_log import write_beginning, write_fault, write_thought, write_wire
 from gatar_edge.sim_sitl.incident_types import ClockSkew, KillCompanion
 from gatar_edge.sim_sitl.incidents import Script, Turn, happen
 from gatar_edge.sim_sitl.radio import Radio
 from gatar_edge.sim_sitl.tally import Result, Tally
 from gatar_edge.sim_sitl.world import observe
-from gatar_edge.types import (
-    NS_PER_S,
-    Cell,
-    Decision,
-    Observation,
-    RobotKind,
-    TaskKind,
-    VehicleCommand,
-)
+from gatar_edge.types import NS_PER_S, Cell, Decision, Observation, RobotKind, TaskKind, VehicleCommand
 
 PUMPS = 8  # exchanges between driver and autopilot within one instant, at most
 
@@ -81,15 +73,19 @@ class Robot:
         seed = config.world.seed * 64 + index
         self.wire = FaultyLink(*config.faults.link_of(self.robot_id), seed=seed)
 
-    def speak(self, now_ns: int, gateway: Gateway | None) -> None:
-        """Autopilot and companion say what they have to say."""
+    def vehicle_speaks(self, now_ns: int, gateway: Gateway | None) -> None:
+        """The autopilot says what it has to say."""
         said = self.body.autopilot.take_frames()
         if said:
             if gateway is not None:
                 gateway.send(b"".join(said))
             self.wire.send_frames(now_ns, End.VEHICLE, said)
-        if self.thinks:
-            self.wire.send(now_ns, End.COMPANION, self.driver.poll(now_ns))
+
+    def companion_speaks(self, now_ns: int) -> None:
+        """So does the driver, where its computer runs."""
+        said = self.driver.poll(now_ns) if self.thinks else b""
+        if said:
+            self.wire.send(now_ns, End.COMPANION, said)
 
     def listen(self, now_ns: int) -> bool:
         """They take in what has arrived; whether anything has."""
@@ -196,10 +192,13 @@ class Fleet:
         talking = robots
         for _ in range(PUMPS):
             for robot in talking:
-                robot.speak(now_ns, self.gateway)
+                robot.vehicle_speaks(now_ns, self.gateway)
+            for robot in talking:
+                robot.companion_speaks(now_ns)
             talking = [robot for robot in talking if robot.listen(now_ns)]
-        for robot in robots:
-            self._record_wire(robot, now_ns)
+        if self.log is not None:
+            for robot in robots:
+                write_wire(self.log, robot)
 
     def result(self) -> Result:
         """The mission's figures."""
@@ -216,11 +215,7 @@ class Fleet:
     def _begin(self, now_ns: int) -> None:
         self.began_ns = self._next_tick_ns = now_ns
         if self.log is not None:
-            self.log.truth_map(self.config.world.obstacles, self.config.world.targets, now_ns)
-            faults = self.config.faults
-            for link in ("radio", "to_vehicle", "to_companion"):
-                if not getattr(faults, link).none:
-                    self.log.fault(link, 0, msgspec.to_builtins(getattr(faults, link)), now_ns)
+            write_beginning(self.log, self.config, now_ns)
         self._launch_m = {robot.robot_id: robot.body.travelled_m for robot in self.robots}
         self.radio.begin(now_ns)
         for robot in self.robots:
@@ -230,17 +225,15 @@ class Fleet:
         """What the scenario has in store."""
         for turn in self._script.due(elapsed_ns):
             robot = self._by_id[turn.incident.robot]
-            self._record_fault(robot, turn.text, msgspec.to_builtins(turn.incident) | {"over": turn.over})
+            if self.log is not None:
+                details = msgspec.to_builtins(turn.incident) | {"over": turn.over}
+                write_fault(self.log, robot.robot_id, turn.text, details, self.now_ns)
             robot.suffer(turn, self.now_ns)
         for robot in self.robots:
             if robot.alive and self.config.faults.killed(robot.robot_id, elapsed_ns):
                 robot.alive = robot.thinks = False
-                self._record_fault(robot, "killed by the scenario", {"do": "kill_robot"})
-
-    def _record_fault(self, robot: Robot, text: str, details: dict[str, Any]) -> None:
-        if self.log is not None:
-            self.log.fault(str(details["do"]), robot.robot_id, details, self.now_ns)
-            self.log.text(Level.WARNING, robot.robot_id, text, self.now_ns)
+                if self.log is not None:
+                    write_fault(self.log, robot.robot_id, "killed by the scenario", {"do": "kill_robot"}, self.now_ns)
 
     def _positions(self) -> dict[int, Cell]:
         return {robot.robot_id: robot.body.cell for robot in self.robots if robot.thinks}
@@ -249,16 +242,15 @@ class Fleet:
         """Everything that is due on the air, relays at once."""
         positions: dict[int, Cell] | None = None  # worked out where somebody relays
         while deliveries := self.radio.deliver(now_ns):
-            for receiver, datagram in deliveries:
-                robot = self._by_id[receiver]
-                if not robot.thinks:
-                    continue
-                heard = robot.agent.hear(datagram, now_ns + robot.skew_ns)
-                if self.log is not None:
-                    self.log.heard(receiver, datagram, heard.outcome, now_ns + robot.skew_ns)
-                if heard.relay is not None:
+            hearing = [(self._by_id[receiver], data) for receiver, data in deliveries if self._by_id[receiver].thinks]
+            heard = [(robot, data, robot.agent.hear(data, now_ns + robot.skew_ns)) for robot, data in hearing]
+            if self.log is not None:
+                for robot, data, what in heard:
+                    self.log.heard(robot.robot_id, data, what.outcome, now_ns + robot.skew_ns)
+            for robot, _, what in heard:
+                if what.relay is not None:
                     positions = positions or self._positions()
-                    self._send(robot, heard.relay, positions, now_ns)
+                    self._send(robot, what.relay, positions, now_ns)
 
     def _send(self, robot: Robot, datagram: bytes, positions: dict[int, Cell], now_ns: int) -> None:
         self.tally.sent(datagram)
@@ -294,34 +286,9 @@ class Fleet:
             self.log.truth_visit(robot.robot_id, seen.cell, self.step, now_ns)
         self.tally.decided(out.decision, latency_ns)
         if self.log is not None:
-            decision = msgspec.structs.replace(out.decision, latency_ns=latency_ns)
-            self._record(robot, seen, decision, (out.command, sent), now_ns)
+            write_thought(self.log, thought, sent, now_ns)
         for datagram in (out.message, *out.talks):
             self._send(robot, datagram, positions, now_ns)
-
-    def _record_wire(self, robot: Robot, now_ns: int) -> None:
-        """Empty the driver's buffers, into the log where there is one."""
-        frames, events = robot.driver.frames(), robot.driver.events()
-        if self.log is None:
-            return
-        for frame in frames:
-            self.log.mavlink(robot.robot_id, "tx" if frame.outgoing else "rx", frame.raw, frame.t_ns)
-        for event in events:
-            self.log.text(Level.INFO, robot.robot_id, event.text, event.t_ns)
-
-    def _record(
-        self,
-        robot: Robot,
-        seen: Observation,
-        decision: Decision,
-        commands: tuple[VehicleCommand, VehicleCommand],
-        now_ns: int,
-    ) -> None:
-        assert self.log is not None
-        self.log.observation(seen)
-        self.log.decision(decision, commands[0], commands[1], now_ns)
-        self.log.vehicle(robot.robot_id, robot.driver.state(now_ns), now_ns)
-        self.log.belief(robot.robot_id, robot.agent.belief, self.config.agent.grid, now_ns)
 
 
 def lock_step(fleet: Fleet) -> Iterator[int]:

@@ -80,8 +80,8 @@ class Result:
             "bytes_per_robot": round(self.message_bytes / robots, 1),
             "bytes_per_robot_step": round(self.message_bytes / robots / max(1, self.steps), 1),
             "decisions": len(self.decision_ns),
-            "decision_p50_us": round(percentile_us(self.decision_ns, 50), 1),
-            "decision_p99_us": round(percentile_us(self.decision_ns, 99), 1),
+            "decision_p50_us": percentile_us(self.decision_ns, 50),
+            "decision_p99_us": percentile_us(self.decision_ns, 99),
             "fallbacks": self.fallbacks,
             "digest": self.digest,
         }
@@ -178,9 +178,9 @@ class Tally:
         )
 
 
-def percentile_us(latencies_ns: tuple[int, ...] | list[int], percent: float) -> float:
-    """A percentile of latencies in microseconds; 0 for none."""
-    return float(np.percentile(latencies_ns, percent)) / 1000 if latencies_ns else 0.0
+def percentile_us(latencies_ns: Sequence[int], percent: float) -> float | None:
+    """A percentile of latencies in microseconds; None where no decision was seen, as those of daemons are not."""
+    return round(float(np.percentile(latencies_ns, percent)) / 1000, 1) if latencies_ns else None
 
 
 def _finite(value: float) -> float | None:

@@ -121,11 +121,14 @@ def print_table(result: Result) -> None:
         ("  by step 10 / 20 / 40", " / ".join(str(by_step[step]) for step in ("10", "20", "40"))),
         ("steps to 90 % / 100 %", f"{show(figures['steps_90'])} / {show(figures['steps_100'])}"),
         ("cells travelled, UAV / UGV", " / ".join(f"{figures['distance_cells'][kind]:g}" for kind in ("UAV", "UGV"))),
-        ("retasks", str(result.retasks)),
         ("messages, bytes a robot", f"{figures['messages_per_robot']:g}, {figures['bytes_per_robot']:g}"),
-        ("decision p50 / p99", f"{figures['decision_p50_us']:g} / {figures['decision_p99_us']:g} us"),
-        ("fallbacks", str(result.fallbacks)),
     ]
+    if result.decision_ns:  # daemons decide out of sight: their logs and `gatar fleet` tell
+        rows += [
+            ("retasks", str(result.retasks)),
+            ("decision p50 / p99", f"{figures['decision_p50_us']:g} / {figures['decision_p99_us']:g} us"),
+            ("fallbacks", str(result.fallbacks)),
+        ]
     width = max(len(name) for name, _ in rows)
     for name, value in rows:
         click.echo(f"{name:<{width}}  {value}")
