@@ -242,6 +242,26 @@ def test_a_heartbeat_that_was_overtaken_is_not_the_pilot() -> None:
     assert field.driver.state(field.now).phase == "ready"
 
 
+@pytest.mark.parametrize("frames_a_second", [200, 400, 700])
+@pytest.mark.parametrize("after_s", [5, 6])
+def test_a_pilot_is_noticed_at_once_on_a_busy_link(frames_a_second: int, after_s: int) -> None:
+    """As PX4 sends to a companion: so many frames between two heartbeats that their numbers begin again."""
+    field = Field("px4-rover")
+    field.until(field.ready, 30)
+    send, filler = field.vehicle.stream, mav.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0)
+
+    def stream() -> None:
+        for _ in range(frames_a_second // 20):
+            field.vehicle.send(filler)
+        send()
+
+    field.vehicle.stream = stream  # type: ignore[method-assign]
+    field.run(after_s)
+    field.vehicle.mode = 0x00010000  # MANUAL
+    field.run(1)
+    assert field.driver.state(field.now).phase == "pilot"
+
+
 def test_a_slow_upload_stops_a_rover_that_would_drive_a_mix_of_two_missions() -> None:
     field = Field("ardupilot-rover")
     field.until(field.ready, 30)
