@@ -197,6 +197,15 @@ def test_rates_that_fall_short_are_asked_for_again() -> None:
     assert flight.vehicle.intervals[33] == 200_000
 
 
+@pytest.mark.parametrize("stack", STACKS)
+def test_a_stack_that_tells_all_it_can_is_not_asked_again(stack: str) -> None:
+    flight = Flight(stack).launched()
+    flight.go(Goto((9, 8)) if stack.endswith("copter") else Mission(((2, 11),)), 5)
+    flight.events.clear()
+    flight.run(25)
+    assert not [event for event in flight.events if event.startswith("rates") and "42" in event]
+
+
 def test_the_heartbeat_is_that_of_a_companion_and_comes_from_poll_alone() -> None:
     flight = Flight("ardupilot-rover")
     flight.run(5)

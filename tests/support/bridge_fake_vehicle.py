@@ -42,7 +42,8 @@ class FakeVehicle:
         self.out = b""
         self.item_ns = self.asked_ns = 0
         self.last_ns: int | None = None
-        self.intervals: dict[int, float] = {}
+        # PX4 tells its current item once a second, whatever interval is asked for
+        self.intervals: dict[int, float] = {42: 1e6} if self.px4 else {}
 
     # --- wire ---
 
@@ -155,7 +156,9 @@ class FakeVehicle:
 
     def on_command_long(self, m: mav.MAVLink_command_long_message) -> None:
         result = 0
-        if m.command == 511:
+        if m.command == 511 and self.px4 and m.param1 == 42:
+            result = 4
+        elif m.command == 511:
             self.intervals[int(m.param1)] = m.param2
         elif m.command == 512 and m.param1 == 242 and self.now >= self.boot_ns:
             lat, lon = (round(v * 1e7) for v in self.home)
