@@ -16,7 +16,7 @@ from gatar_edge.bridge.modes import ModeKeeper
 from gatar_edge.bridge.order import Order
 from gatar_edge.bridge.profiles.base import HoldBy, Profile
 from gatar_edge.bridge.rates import RateWatch
-from gatar_edge.bridge.retask import UNTOLD_TOTALS, Retask
+from gatar_edge.bridge.retask import Retask
 from gatar_edge.bridge.settings import DriverConfig
 from gatar_edge.bridge.status import DriverEvent, EventKind, Status
 from gatar_edge.bridge.telemetry import Telemetry
@@ -163,7 +163,7 @@ class Vehicle:
             and seen.armed
             and seen.custom_mode == self.profile.mission_mode
             and seen.current is not None
-            and seen.current.total in (count, *UNTOLD_TOTALS)
+            and seen.current.may_be(count)
         )
 
     def return_home(self, now_ns: int) -> bool:

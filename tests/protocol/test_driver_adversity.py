@@ -151,6 +151,24 @@ def test_a_mission_that_somebody_else_uploads_is_noticed_and_replaced() -> None:
     assert len(field.vehicle.mission) == 2
 
 
+@pytest.mark.parametrize("stack", ["ardupilot-rover", "px4-rover"])
+@pytest.mark.parametrize("corners", [((6, 3), (10, 3)), ((6, 3),), ()])
+def test_a_mission_that_was_replaced_while_the_vehicle_held_is_put_on_board_again(
+    stack: str, corners: tuple[Cell, ...]
+) -> None:
+    field, north = Field(stack), Mission(((2, 11),))
+    field.until(field.ready, 30)
+    field.run(5, north)
+    field.run(3, Hold("wait"))
+    field.vehicle.replace_mission([cell_to_wgs84(GRID, cell) for cell in corners])
+    field.run(3, Hold("wait"))
+    field.visited.clear()
+    assert field.until(field.arrived, 60, north)
+    assert field.driver.state(field.now).cell == (2, 11)
+    if len(corners) != 1:  # of another length: that is told, and the other mission is never driven
+        assert {cell[0] for cell in field.visited if cell is not None} == {2}
+
+
 def test_a_target_moved_by_somebody_else_is_set_again() -> None:
     field = Field("ardupilot-copter")
     field.until(field.ready, 30)

@@ -206,6 +206,16 @@ class FakeVehicle:
 
     # --- mission ---
 
+    def replace_mission(self, points: list[tuple[float, float]]) -> None:
+        """As another ground station does."""
+        home = [] if self.px4 or not points else points[:1]
+        self.mission = [
+            mav.MAVLink_mission_item_int_message(
+                *self.peer, seq, 6, 16, 0, 1, 0, 0, 0, 0, round(lat * 1e7), round(lon * 1e7), 0, 0
+            )
+            for seq, (lat, lon) in enumerate([*home, *points])
+        ]
+
     def on_mission_count(self, m: mav.MAVLink_mission_count_message) -> None:
         if self.px4 and self.open:
             self.mission_ack(1)
