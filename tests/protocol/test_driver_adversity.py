@@ -315,6 +315,9 @@ def test_a_speed_is_given_with_guided_targets_and_after_a_mission_began() -> Non
     copter.until(copter.ready, 30)
     copter.run(2, Goto((9, 8)))
     assert [m.param1 for m in copter.vehicle.received if m.get_type() == "COMMAND_INT"] == [3.0]
+    # ArduCopter ignores that one, and enters its position control at its own speed
+    speeds = [m.param2 for m in copter.vehicle.received if m.get_type() == "COMMAND_LONG" and m.command == 178]
+    assert speeds == [3.0]
     rover = Field("ardupilot-rover", speed_m_s=2.0)
     rover.until(rover.ready, 30)
     rover.run(3, Mission(((2, 9),)))
