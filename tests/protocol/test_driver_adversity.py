@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 
 import pytest
-from bridge_fake_vehicle import PX4_LOITER, FakeVehicle, S, mav
+from bridge_fake_vehicle import PX4_LOITER, PX4_MANUAL, FakeVehicle, S, mav
 from bridge_mission_server import Lossy
 
 from gatar_edge.bridge.driver import VehicleDriver
@@ -100,6 +100,20 @@ def test_a_restarted_companion_does_not_take_a_flying_copter_off_again() -> None
     assert field.until(field.ready, 5)
     assert 22 not in field.commands_since(mark)
     assert 400 not in field.commands_since(mark)
+
+
+def test_a_px4_rover_without_a_transmitter_is_not_waited_for_in_manual() -> None:
+    field = Field("px4-rover")
+    field.vehicle.mode, arm = PX4_MANUAL, field.vehicle.on_command_long
+
+    def armable_by_itself(message: object) -> None:  # PX4: "No manual control input"
+        if message.command == 400 and field.vehicle.mode == PX4_MANUAL:  # type: ignore[attr-defined]
+            field.vehicle.ack(400, 1)
+        else:
+            arm(message)  # type: ignore[arg-type]
+
+    field.vehicle.on_command_long = armable_by_itself  # type: ignore[method-assign]
+    assert field.until(field.ready, 30)
 
 
 def test_a_copter_that_disarms_before_take_off_is_armed_again() -> None:
@@ -275,7 +289,7 @@ def test_a_pilot_is_noticed_at_once_on_a_busy_link(frames_a_second: int, after_s
 
     field.vehicle.stream = stream  # type: ignore[method-assign]
     field.run(after_s)
-    field.vehicle.mode = 0x00010000  # MANUAL
+    field.vehicle.mode = PX4_MANUAL
     field.run(1)
     assert field.driver.state(field.now).phase == "pilot"
 
