@@ -69,6 +69,13 @@ def test_a_vehicle_is_armed_and_brought_to_where_it_obeys(stack: str) -> None:
         assert state.alt_rel_m == pytest.approx(20, abs=1.1)
 
 
+def test_a_copter_that_hovers_a_little_below_a_low_altitude_obeys() -> None:
+    flight = Flight("ardupilot-copter", altitude_m=2.0).launched()
+    flight.vehicle.target = (flight.vehicle.lat, flight.vehicle.lon, 1.8)
+    flight.run(3)
+    assert flight.driver.state(flight.now).ready
+
+
 @pytest.mark.parametrize("stack", ["ardupilot-copter", "px4-copter"])
 def test_a_copter_flies_to_the_cell_at_its_altitude(stack: str) -> None:
     flight = Flight(stack).launched()
