@@ -15,7 +15,7 @@ from gatar_edge.bridge.profiles.px4_modes import OFFBOARD
 
 Parameters = Mapping[str, float]
 
-_ARDUPILOT_NAMES = ("SYSID_MYGCS", "MAV_GCS_SYSID", "FS_GCS_ENABLE", "FS_GCS_TIMEOUT")
+_ARDUPILOT_NAMES = ("SYSID_MYGCS", "MAV_GCS_SYSID", "MAV_GCS_SYSID_HI", "FS_GCS_ENABLE", "FS_GCS_TIMEOUT")
 _GCS_TIMEOUT_S = 5.0  # where the firmware has no FS_GCS_TIMEOUT
 _NOTICES_AFTER_S = 1.5  # FS_TIMEOUT's default: a rover waits this much longer
 _COPTER_ACTS = {
@@ -34,7 +34,7 @@ _ROVER_ACTS = {
     4: "returns by SMART_RTL or stops in HOLD",
     5: "disarms",
 }
-_OFFBOARD_ACTS = {3: "returns to launch", 4: "lands where it is"}
+_OFFBOARD_ACTS = {3: "returns to launch", 4: "lands where it is", 6: "terminates the flight", 7: "disarms"}
 _CONTINUE_IN_AUTO = 2  # bit of FS_OPTIONS
 
 
@@ -87,6 +87,11 @@ def _ardupilot(p: Parameters, at: Situation, acts: Callable[[Parameters, Situati
         return Outcome(at.goes_on, "as far as is known: FS_GCS_ENABLE could not be read", mend="try again")
     if enable == 0:
         return Outcome(at.goes_on, "FS_GCS_ENABLE=0", mend=mend)
+    high = p.get("MAV_GCS_SYSID_HI", 0)
+    if high > watched:
+        because = f"MAV_GCS_SYSID_HI={high:g}: one system from {watched:g} on that is heard will do"
+        mend = f"set {name}={at.companion_sysid} and MAV_GCS_SYSID_HI=0, so that the companion alone is watched"
+        return Outcome(at.goes_on, because, mend=mend)
     if watched != at.companion_sysid:
         because = f"{name}={watched:g} is watched, not the companion's {at.companion_sysid}"
         return Outcome(at.goes_on, because, mend=mend)

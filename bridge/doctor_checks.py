@@ -12,7 +12,7 @@ from gatar_edge.bridge.dialect import MessageId
 from gatar_edge.bridge.geo import wgs84_to_grid_m
 from gatar_edge.bridge.own_fence import OwnFence, own_fence
 from gatar_edge.bridge.profiles import Profile
-from gatar_edge.bridge.rates import ENOUGH, WANTED_HZ
+from gatar_edge.bridge.rates import ENOUGH_HZ, WANTED_HZ
 from gatar_edge.bridge.settings import DriverConfig
 from gatar_edge.bridge.survey import Facts
 from gatar_edge.bridge.verdict import Finding, fail, ok, warn
@@ -149,7 +149,7 @@ def check_rates(facts: Facts, profile: Profile) -> Finding:
         return warn("not measured: too little time", "give --timeout-s 15 or more")
     # a target is told while there is one, and only then
     expected = {i: hz for i, hz in WANTED_HZ.items() if i != MessageId.POSITION_TARGET_GLOBAL_INT}
-    slow = [i for i, hz in expected.items() if facts.rates_hz[i] * facts.counted_s + 1 < ENOUGH * hz * facts.counted_s]
+    slow = [i for i in expected if facts.rates_hz[i] * facts.counted_s + 1 < ENOUGH_HZ[i] * facts.counted_s]
     told = ", ".join(f"{MessageId(i).name} {facts.rates_hz[i]:.1f} of {expected[i]:g} Hz" for i in slow)
     mend = "the link is too slow, or a ground station sets other rates on it"
     if facts.rates_hz[MessageId.GLOBAL_POSITION_INT] * POSITION_MAX_AGE_S < 1:

@@ -181,6 +181,8 @@ class Guided:
         self._asks, self._matched_ns = 0, now_ns
         self.commands.forget(Command.DO_REPOSITION)
         self._progress.start(self._remaining_m(seen), now_ns)
+        if self._speed_m_s > 0:  # ArduCopter ignores the speed of a reposition, and its first one sets back its own
+            self.commands.long(Command.DO_CHANGE_SPEED, 1.0, self._speed_m_s, -1.0)
         self._fire(Event.ECHOED, now_ns, Status.PURSUING)
 
     def _deviated(self, now_ns: int) -> None:

@@ -20,7 +20,7 @@ from gatar_edge.types import NS_PER_S
 
 ARM_RETRY_NS = NS_PER_S
 CLIMB_NS = 5 * NS_PER_S  # without 0.5 m of climb the take-off is asked for again
-REACHED_M = 1.0  # this much below the altitude counts as there
+REACHED_M = 1.0  # this much below the altitude counts as there, half of a low one
 AIRBORNE_M = 2.0
 
 
@@ -81,6 +81,7 @@ class Launch:
         self.phase = Phase.WAITING
         self.driving = False  # set by the caller: it drives a mission of ours, and is not to be put on hold
         self._altitude_m = altitude_m
+        self._there_m = altitude_m - min(REACHED_M, altitude_m / 2)
         self._asked_ns = -ARM_RETRY_NS
         self._climbed_m, self._climbed_ns = 0.0, 0
 
@@ -115,7 +116,7 @@ class Launch:
         """Whether it is in the air, or need not be."""
         if self.profile.takeoff is Takeoff.NONE:
             return True
-        return seen.landed_state != LANDED_ON_GROUND and seen.alt_rel_m >= AIRBORNE_M
+        return seen.landed_state != LANDED_ON_GROUND and seen.alt_rel_m >= min(AIRBORNE_M, self._there_m)
 
     def _wait(self, seen: Telemetry, now_ns: int) -> None:
         if seen.home is not None and seen.position is not None and seen.has_origin(now_ns):
@@ -141,7 +142,7 @@ class Launch:
             self.fire(Event.DISARMED, now_ns)
         elif self.driving:
             self.fire(Event.DRIVING, now_ns)
-        elif self.profile.takeoff is Takeoff.NONE or seen.alt_rel_m >= self._altitude_m - REACHED_M:
+        elif self.profile.takeoff is Takeoff.NONE or seen.alt_rel_m >= self._there_m:
             self.commands.forget(Command.NAV_TAKEOFF)
             self.fire(Event.AIRBORNE, now_ns)
         elif seen.alt_rel_m >= self._climbed_m + 0.5:

@@ -111,6 +111,9 @@ class MissionClient:
                 self._on_count(message, now_ns)
             case wire.MissionItemAt(target=self.me, mission_type=0):
                 self._on_item(message, now_ns)
+            case wire.MissionCurrent() if not self.active and now_ns - self._traffic_ns >= PACKET_LIFE_NS:
+                if not message.may_be(len(self._items) - self.profile.first_item_seq):
+                    self.forget()
 
     @property
     def due_ns(self) -> int:

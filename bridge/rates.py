@@ -21,6 +21,8 @@ WANTED_HZ: dict[int, float] = {
 }
 WINDOW_NS = 10 * NS_PER_S
 ENOUGH = 0.8  # of the wanted rate
+# less is short; PX4 tells its current item once a second, whatever is asked for
+ENOUGH_HZ = {**{i: ENOUGH * hz for i, hz in WANTED_HZ.items()}, MessageId.MISSION_CURRENT: ENOUGH * 1.0}
 ONCE_RETRY_NS = NS_PER_S
 
 
@@ -52,7 +54,7 @@ class RateWatch:
         short: list[int] = []
         if now_ns - self._window_ns >= WINDOW_NS:
             window_s = (now_ns - self._window_ns) / NS_PER_S
-            short = [i for i, n in self._counts.items() if n < ENOUGH * WANTED_HZ[i] * window_s]
+            short = [i for i, n in self._counts.items() if n < ENOUGH_HZ[i] * window_s]
             self._short += short
             self._counts = dict.fromkeys(WANTED_HZ, 0)
             self._window_ns = now_ns

@@ -11,7 +11,7 @@ from enum import Enum
 
 from gatar_edge.bridge import wire
 from gatar_edge.bridge.commands import NEVER_NS, CommandClient
-from gatar_edge.bridge.dialect import Command, CommandResult
+from gatar_edge.bridge.dialect import MISSION_COMPLETE, Command, CommandResult
 from gatar_edge.bridge.mission_items import build
 from gatar_edge.bridge.mission_states import Result
 from gatar_edge.bridge.mission_transfer import MissionClient
@@ -30,8 +30,6 @@ STARTS = 3
 # An upload that takes longer stops the vehicle: until it is complete, ArduPilot drives a mix of the old and the new
 # mission, straight to whatever now stands at the old index.
 MIXED_NS = NS_PER_S
-COMPLETE = 5  # MISSION_STATE_COMPLETE
-UNTOLD_TOTALS = (0, 65535)
 
 Points = tuple[tuple[float, float], ...]
 
@@ -135,7 +133,7 @@ class Retask:
 
     def at_end(self, seen: Telemetry) -> bool:
         """Whether leaving the mission mode now is the vehicle's own doing."""
-        complete = seen.current is not None and seen.current.state == COMPLETE
+        complete = seen.current is not None and seen.current.state == MISSION_COMPLETE
         ends = (*self._points[-1:], *self._points_before[-1:])
         return complete or any(seen.distance_m(end) <= self._near_m for end in ends)
 
@@ -248,6 +246,9 @@ class Retask:
                 self.commands.long(Command.DO_CHANGE_SPEED, 1.0, self._speed_m_s, -1.0)
             self.modes.want(None)  # PX4 leaves it at the end; re-entered, it would start at the old index
             self._fire(Event.CONFIRMED, now_ns, Status.PURSUING)
+        elif now_ns - self._since_ns >= CONFIRM_NS and self.transfer.result is Result.ALREADY_ON_BOARD:
+            self.transfer.forget()  # then it may be another's, as long as ours
+            self._fire(Event.DRIVE, now_ns, Status.STARTING)
         elif now_ns - self._since_ns >= CONFIRM_NS:
             self._starts += 1
             last = self._starts >= STARTS
@@ -259,7 +260,7 @@ class Retask:
         last_m = seen.distance_m(self._points[-1])
         if last_m <= self._arrive_m or (self.at_end(seen) and last_m <= self._near_m and self._complete(seen)):
             self._fire(Event.REACHED, now_ns, Status.ARRIVED)
-        elif seen.current and seen.current.total not in (len(self._points), *UNTOLD_TOTALS):
+        elif seen.current and not seen.current.may_be(len(self._points)):
             self.transfer.forget()  # somebody else has uploaded
             self.status = Status.STALE_TARGET
         else:
@@ -267,14 +268,14 @@ class Retask:
             self.status = Status.NOT_PROGRESSING if stalled else Status.PURSUING
 
     def _complete(self, seen: Telemetry) -> bool:
-        return seen.current is not None and seen.current.state == COMPLETE and seen.current_ns > self._sent_ns
+        return seen.current is not None and seen.current.state == MISSION_COMPLETE and seen.current_ns > self._sent_ns
 
     def _current_is_first(self, seen: Telemetry) -> bool:
         """Whether the vehicle, asked since, is at the first waypoint, or past such as it stood on already."""
         current = seen.current
         if current is None or seen.current_ns <= self._sent_ns:
             return False
-        if current.total not in (len(self._points), *UNTOLD_TOTALS):
+        if not current.may_be(len(self._points)):
             return False
         index = current.seq - self.profile.first_item_seq
         skipped = self._points[self._start_index : index]

@@ -13,9 +13,10 @@ from gatar_edge.bridge.launch import Event, Launch, Phase
 from gatar_edge.bridge.memory import mission_points, remembered_items
 from gatar_edge.bridge.mission_transfer import MissionClient
 from gatar_edge.bridge.modes import ModeKeeper
+from gatar_edge.bridge.order import Order
 from gatar_edge.bridge.profiles.base import HoldBy, Profile
 from gatar_edge.bridge.rates import RateWatch
-from gatar_edge.bridge.retask import UNTOLD_TOTALS, Retask
+from gatar_edge.bridge.retask import Retask
 from gatar_edge.bridge.settings import DriverConfig
 from gatar_edge.bridge.status import DriverEvent, EventKind, Status
 from gatar_edge.bridge.telemetry import Telemetry
@@ -27,7 +28,6 @@ SILENT_NS = 3 * NS_PER_S  # nothing at all
 HEARTBEAT_LOST_NS = 6 * NS_PER_S  # three lost ones in a row are no rarity on a bad link
 CURRENT_PATIENCE_NS = 2 * NS_PER_S  # for a vehicle to tell of its mission after a restart of ours
 WORST_LOGGED_SEVERITY = 4  # MAV_SEVERITY_WARNING
-REORDERED_NS = 2 * NS_PER_S  # a frame numbered before one this young was overtaken; later it is a rebooted vehicle's
 # these answer one by one and are matched by what they say; all others tell a state, of which only the newest counts
 TRANSFERS = (wire.MissionRequest, wire.MissionAck, wire.MissionCount, wire.MissionItemAt, wire.CommandAck)
 
@@ -66,7 +66,8 @@ class Vehicle:
         self._holding = False
         self._heard_ns = self._found_ns = now_ns
         self._remembered = remembered_items(memory, config.grid, profile) if self._by_mission else ()
-        self._latest: dict[int, tuple[int, int]] = {}  # message id -> its latest frame's number and time
+        self._order = Order()
+        self._latest: dict[int, int] = {}  # message id -> the number of its latest frame
         self._told = (self.launch.phase, Status.IDLE)
 
     @property
@@ -120,14 +121,14 @@ class Vehicle:
         """Take one frame of this autopilot."""
         self._heard_ns = now_ns
         self._rates.count(frame.message_id)
-        message = frame.message
+        message, number = frame.message, self._order.number(frame.seq, now_ns)
         if message is None:
             return
         if isinstance(message, wire.CommandAck):
             self.commands.receive(message)
         elif isinstance(message, TRANSFERS):
             self.transfer.receive(frame.source, message, now_ns)
-        elif not self._overtaken(frame, now_ns):
+        elif not self._overtaken(frame.message_id, number):
             self.seen.update(message, now_ns)
             if isinstance(message, wire.Heartbeat):
                 self._watch_mode(message, now_ns)
@@ -163,7 +164,7 @@ class Vehicle:
             seen.armed
             and seen.custom_mode == self.profile.mission_mode
             and seen.current is not None
-            and seen.current.total in (count, *UNTOLD_TOTALS)
+            and seen.current.may_be(count)
         )
 
     def return_home(self, now_ns: int) -> bool:
@@ -221,13 +222,11 @@ class Vehicle:
         waits = bool(self._remembered) and self.seen.current is None
         return waits and now_ns - self._found_ns < CURRENT_PATIENCE_NS
 
-    def _overtaken(self, frame: wire.Received, now_ns: int) -> bool:
+    def _overtaken(self, message_id: int, number: int) -> bool:
         """Whether a newer message of the kind came first: an old heartbeat must not look like the pilot's doing."""
-        seq, at_ns = self._latest.get(frame.message_id, (frame.seq, now_ns))
-        if (frame.seq - seq) % 256 > 128 and now_ns - at_ns < REORDERED_NS:
-            return True
-        self._latest[frame.message_id] = (frame.seq, now_ns)
-        return False
+        latest = self._latest.get(message_id, number)
+        self._latest[message_id] = max(latest, number)
+        return number < latest
 
     def _hold(self, now_ns: int) -> bool:
         self.retask.stop()

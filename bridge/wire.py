@@ -10,7 +10,7 @@ import math
 
 import msgspec
 
-from gatar_edge.bridge.dialect import ARMED_FLAG
+from gatar_edge.bridge.dialect import ARMED_FLAG, NO_MISSION
 
 Address = tuple[int, int]
 
@@ -233,11 +233,16 @@ class MissionSetCurrent(msgspec.Struct, frozen=True):
 
 
 class MissionCurrent(msgspec.Struct, frozen=True):
-    """MISSION_CURRENT (42). `total` is 0 or 65535 where the vehicle does not say; `state` 5 is complete."""
+    """MISSION_CURRENT (42). `total` is 0 or 65535 where the vehicle has no mission, or does not say."""
 
     seq: int
     total: int
     state: int
+
+    def may_be(self, count: int) -> bool:
+        """Whether the mission on board may have `count` items. The state alone tells nothing: on PX4 it comes late."""
+        untold = self.total in (0, 65535) and self.state != NO_MISSION
+        return untold or self.total == count
 
 
 Message = (

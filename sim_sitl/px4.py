@@ -39,7 +39,7 @@ class Px4:
         self.commands = commands(self.offboard)
         self.streams = {
             **COMMON_STREAMS,
-            42: Stream("MISSION_CURRENT", mission_current, 1.0),
+            42: Stream("MISSION_CURRENT", mission_current, 1.0, fixed=True),
             242: Stream("HOME_POSITION", home_position, 0.5),
             245: Stream("EXTENDED_SYS_STATE", extended_sys_state, 1.0),
         }

@@ -226,6 +226,7 @@ class Stream:
     name: str
     fill: Fill
     default_hz: float
+    fixed: bool = False  # no command changes its rate
 
 
 COMMON: dict[int, Stream] = {

@@ -35,10 +35,11 @@ class Telemetry:
         return -1 if interval >= _NEVER_NS else interval // 1000
 
     def set_interval(self, message_id: int, interval_us: float) -> bool:
-        """MAV_CMD_SET_MESSAGE_INTERVAL: 0 is the default, below 0 is off. False for a message that is not simulated."""
-        if message_id not in self._table or not math.isfinite(interval_us):
+        """MAV_CMD_SET_MESSAGE_INTERVAL: 0 is the default, below 0 is off. False where there is nothing to set."""
+        stream = self._table.get(message_id)
+        if stream is None or not math.isfinite(interval_us) or (stream.fixed and interval_us):
             return False
-        hz = self._table[message_id].default_hz
+        hz = stream.default_hz
         if interval_us < 0 or (interval_us == 0 and hz == 0):
             interval = _NEVER_NS
         elif interval_us == 0:

@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 from gatar_edge.bridge.dialect import AUTOPILOT_PX4, Frame
 from gatar_edge.bridge.profiles.base import HoldBy, Profile, SetCurrent, Takeoff
-from gatar_edge.bridge.profiles.px4_modes import LOITER, MANUAL, MISSION, MODES, RTL
+from gatar_edge.bridge.profiles.px4_modes import LOITER, MISSION, MODES, RTL
 from gatar_edge.types import RobotKind
 
 PROFILE = Profile(
@@ -28,7 +28,7 @@ PROFILE = Profile(
     mission_mode=MISSION,
     hold_mode=LOITER,
     return_mode=RTL,
-    arm_modes=frozenset({MANUAL, LOITER}),  # it may arm before the mode
+    arm_modes=frozenset({LOITER}),  # MANUAL needs a transmitter, on hold it arms without
     own_transitions=frozenset({(MISSION, LOITER)}),  # after its last item
     hold_by=HoldBy.MODE,
     takeoff=Takeoff.NONE,

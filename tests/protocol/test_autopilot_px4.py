@@ -12,7 +12,7 @@ from gatar_edge.sim_sitl.mission_items import Ack
 from gatar_edge.sim_sitl.testing import Client, kinds, of, px4_copter, px4_rover, texts
 
 LOITER = 0x03040000
-ACCEPTED, REJECTED, UNSUPPORTED = 0, 1, 3
+ACCEPTED, REJECTED, UNSUPPORTED, FAILED = 0, 1, 3, 4
 HOME_ALT = 584.0
 
 
@@ -438,3 +438,8 @@ def test_a_quad_takes_off_for_its_mission_and_lands_at_its_end() -> None:
     quad.run(25)
     assert (quad.vehicle.truth.armed, quad.vehicle.truth.landed) == (False, True)
     assert "Disarmed by landing" in texts(quad.log)
+
+
+def test_the_current_item_is_told_once_a_second_whatever_interval_is_asked_for(rover: Client) -> None:
+    assert rover.command(511, 42, 500_000) == FAILED
+    assert len(of(rover.run(10), "MISSION_CURRENT")) == pytest.approx(10, abs=1)

@@ -69,6 +69,13 @@ def test_a_vehicle_is_armed_and_brought_to_where_it_obeys(stack: str) -> None:
         assert state.alt_rel_m == pytest.approx(20, abs=1.1)
 
 
+def test_a_copter_that_hovers_a_little_below_a_low_altitude_obeys() -> None:
+    flight = Flight("ardupilot-copter", altitude_m=2.0).launched()
+    flight.vehicle.target = (flight.vehicle.lat, flight.vehicle.lon, 1.8)
+    flight.run(3)
+    assert flight.driver.state(flight.now).ready
+
+
 @pytest.mark.parametrize("stack", ["ardupilot-copter", "px4-copter"])
 def test_a_copter_flies_to_the_cell_at_its_altitude(stack: str) -> None:
     flight = Flight(stack).launched()
@@ -195,6 +202,15 @@ def test_rates_that_fall_short_are_asked_for_again() -> None:
     flight.vehicle.intervals[33] = 1_000_000
     flight.run(25)
     assert flight.vehicle.intervals[33] == 200_000
+
+
+@pytest.mark.parametrize("stack", STACKS)
+def test_a_stack_that_tells_all_it_can_is_not_asked_again(stack: str) -> None:
+    flight = Flight(stack).launched()
+    flight.go(Goto((9, 8)) if stack.endswith("copter") else Mission(((2, 11),)), 5)
+    flight.events.clear()
+    flight.run(25)
+    assert not [event for event in flight.events if event.startswith("rates") and "42" in event]
 
 
 def test_the_heartbeat_is_that_of_a_companion_and_comes_from_poll_alone() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 
 import pytest
-from bridge_fake_vehicle import PX4_LOITER, FakeVehicle, S, mav
+from bridge_fake_vehicle import PX4_LOITER, PX4_MANUAL, FakeVehicle, S, mav
 from bridge_mission_server import Lossy
 
 from gatar_edge.bridge.driver import VehicleDriver
@@ -102,6 +102,20 @@ def test_a_restarted_companion_does_not_take_a_flying_copter_off_again() -> None
     assert 400 not in field.commands_since(mark)
 
 
+def test_a_px4_rover_without_a_transmitter_is_not_waited_for_in_manual() -> None:
+    field = Field("px4-rover")
+    field.vehicle.mode, arm = PX4_MANUAL, field.vehicle.on_command_long
+
+    def armable_by_itself(message: object) -> None:  # PX4: "No manual control input"
+        if message.command == 400 and field.vehicle.mode == PX4_MANUAL:  # type: ignore[attr-defined]
+            field.vehicle.ack(400, 1)
+        else:
+            arm(message)  # type: ignore[arg-type]
+
+    field.vehicle.on_command_long = armable_by_itself  # type: ignore[method-assign]
+    assert field.until(field.ready, 30)
+
+
 def test_a_copter_that_disarms_before_take_off_is_armed_again() -> None:
     field = Field("ardupilot-copter")
     field.until(lambda: field.vehicle.armed, 20)
@@ -149,6 +163,24 @@ def test_a_mission_that_somebody_else_uploads_is_noticed_and_replaced() -> None:
     assert "status: stale_target" in field.events
     assert field.until(field.arrived, 60, Mission(((2, 11),)))
     assert len(field.vehicle.mission) == 2
+
+
+@pytest.mark.parametrize("stack", ["ardupilot-rover", "px4-rover"])
+@pytest.mark.parametrize("corners", [((6, 3), (10, 3)), ((6, 3),), ()])
+def test_a_mission_that_was_replaced_while_the_vehicle_held_is_put_on_board_again(
+    stack: str, corners: tuple[Cell, ...]
+) -> None:
+    field, north = Field(stack), Mission(((2, 11),))
+    field.until(field.ready, 30)
+    field.run(5, north)
+    field.run(3, Hold("wait"))
+    field.vehicle.replace_mission([cell_to_wgs84(GRID, cell) for cell in corners])
+    field.run(3, Hold("wait"))
+    field.visited.clear()
+    assert field.until(field.arrived, 60, north)
+    assert field.driver.state(field.now).cell == (2, 11)
+    if len(corners) != 1:  # of another length: that is told, and the other mission is never driven
+        assert {cell[0] for cell in field.visited if cell is not None} == {2}
 
 
 def test_a_target_moved_by_somebody_else_is_set_again() -> None:
@@ -242,6 +274,26 @@ def test_a_heartbeat_that_was_overtaken_is_not_the_pilot() -> None:
     assert field.driver.state(field.now).phase == "ready"
 
 
+@pytest.mark.parametrize("frames_a_second", [200, 400, 700])
+@pytest.mark.parametrize("after_s", [5, 6])
+def test_a_pilot_is_noticed_at_once_on_a_busy_link(frames_a_second: int, after_s: int) -> None:
+    """As PX4 sends to a companion: so many frames between two heartbeats that their numbers begin again."""
+    field = Field("px4-rover")
+    field.until(field.ready, 30)
+    send, filler = field.vehicle.stream, mav.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0)
+
+    def stream() -> None:
+        for _ in range(frames_a_second // 20):
+            field.vehicle.send(filler)
+        send()
+
+    field.vehicle.stream = stream  # type: ignore[method-assign]
+    field.run(after_s)
+    field.vehicle.mode = PX4_MANUAL
+    field.run(1)
+    assert field.driver.state(field.now).phase == "pilot"
+
+
 def test_a_slow_upload_stops_a_rover_that_would_drive_a_mix_of_two_missions() -> None:
     field = Field("ardupilot-rover")
     field.until(field.ready, 30)
@@ -277,6 +329,9 @@ def test_a_speed_is_given_with_guided_targets_and_after_a_mission_began() -> Non
     copter.until(copter.ready, 30)
     copter.run(2, Goto((9, 8)))
     assert [m.param1 for m in copter.vehicle.received if m.get_type() == "COMMAND_INT"] == [3.0]
+    # ArduCopter ignores that one, and enters its position control at its own speed
+    speeds = [m.param2 for m in copter.vehicle.received if m.get_type() == "COMMAND_LONG" and m.command == 178]
+    assert speeds == [3.0]
     rover = Field("ardupilot-rover", speed_m_s=2.0)
     rover.until(rover.ready, 30)
     rover.run(3, Mission(((2, 9),)))

@@ -291,6 +291,24 @@ def test_a_mission_that_is_on_board_is_not_sent_again() -> None:
     assert talk.client.result is Result.ALREADY_ON_BOARD
 
 
+@pytest.mark.parametrize(
+    ("total", "state", "again"), [(2, 3, 0), (2, 1, 0), (0, 0, 0), (65535, 0, 0), (3, 3, 1), (0, 1, 1)]
+)
+def test_a_mission_is_sent_again_where_the_vehicle_counts_another(total: int, state: int, again: int) -> None:
+    talk = Talk().uploaded(mission(2))
+    talk.hear(wire.MissionCurrent(1, total, state))
+    assert counts(talk.upload(mission(2))) == again
+
+
+def test_what_the_vehicle_counted_before_its_new_mission_and_is_heard_late_is_not_believed() -> None:
+    talk = Talk()
+    talk.upload(mission(2))
+    talk.ask(0, 1, 2)
+    talk.ack(MissionResult.ACCEPTED)
+    talk.hear(wire.MissionCurrent(1, 5, 3))
+    assert talk.upload(mission(2)) == []
+
+
 def test_a_mission_is_sent_again_after_somebody_else_changed_it() -> None:
     talk = Talk().uploaded(mission(2))
     talk.client.forget()

@@ -42,7 +42,8 @@ class FakeVehicle:
         self.out = b""
         self.item_ns = self.asked_ns = 0
         self.last_ns: int | None = None
-        self.intervals: dict[int, float] = {}
+        # PX4 tells its current item once a second, whatever interval is asked for
+        self.intervals: dict[int, float] = {42: 1e6} if self.px4 else {}
 
     # --- wire ---
 
@@ -155,7 +156,9 @@ class FakeVehicle:
 
     def on_command_long(self, m: mav.MAVLink_command_long_message) -> None:
         result = 0
-        if m.command == 511:
+        if m.command == 511 and self.px4 and m.param1 == 42:
+            result = 4
+        elif m.command == 511:
             self.intervals[int(m.param1)] = m.param2
         elif m.command == 512 and m.param1 == 242 and self.now >= self.boot_ns:
             lat, lon = (round(v * 1e7) for v in self.home)
@@ -202,6 +205,16 @@ class FakeVehicle:
         self.ack(m.command, 0)
 
     # --- mission ---
+
+    def replace_mission(self, points: list[tuple[float, float]]) -> None:
+        """As another ground station does."""
+        home = [] if self.px4 or not points else points[:1]
+        self.mission = [
+            mav.MAVLink_mission_item_int_message(
+                *self.peer, seq, 6, 16, 0, 1, 0, 0, 0, 0, round(lat * 1e7), round(lon * 1e7), 0, 0
+            )
+            for seq, (lat, lon) in enumerate([*home, *points])
+        ]
 
     def on_mission_count(self, m: mav.MAVLink_mission_count_message) -> None:
         if self.px4 and self.open:

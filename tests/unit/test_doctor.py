@@ -182,6 +182,8 @@ def test_a_vehicle_outside_of_the_grid_is_told_of_and_one_of_another_site_fails(
         (QUAD, QUAD.guided_mode, {"NAV_DLL_ACT": 2.0}, None, "holds"),  # a companion's heartbeats never count
         (PX4_ROVER, PX4_ROVER.mission_mode, {"NAV_DLL_ACT": 1.0}, None, "finishes its mission"),
         (QUAD, OFFBOARD, {"COM_OBL_RC_ACT": 3.0, "COM_OF_LOSS_T": 0.5}, 0.5, "returns to launch"),
+        (QUAD, OFFBOARD, {"COM_OBL_RC_ACT": 5.0}, 1.0, "holds"),
+        (QUAD, OFFBOARD, {"COM_OBL_RC_ACT": 7.0}, 1.0, "disarms"),
     ],
 )
 def test_the_outcome_of_a_companions_death_is_the_measured_one(
@@ -211,6 +213,14 @@ def test_each_profile_has_its_parameters() -> None:
 def test_the_newer_name_of_the_watched_system_counts_too() -> None:
     outcome = companion_loss({"MAV_GCS_SYSID": 1.0, "FS_GCS_ENABLE": 1.0}, Situation(COPTER, 4, 1))
     assert outcome.watched
+
+
+def test_where_others_are_watched_as_well_the_companion_alone_is_not_missed() -> None:
+    parameters = {"MAV_GCS_SYSID": 1.0, "MAV_GCS_SYSID_HI": 255.0, "FS_GCS_ENABLE": 1.0}
+    outcome = companion_loss(parameters, Situation(COPTER, COPTER.guided_mode, 1))
+    assert not outcome.watched
+    assert "MAV_GCS_SYSID_HI=255" in outcome.because
+    assert companion_loss({**parameters, "MAV_GCS_SYSID_HI": 0.0}, Situation(COPTER, COPTER.guided_mode, 1)).watched
 
 
 @pytest.mark.parametrize("number", [0, 1, -1, 255, -5_000_000, 2_139_095_041, -(2**31), 2**31 - 1])
