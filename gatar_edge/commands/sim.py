@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from gatar_edge.commands._options import FiniteRange
 from gatar_edge.commands._sim import fleet_config, open_fleet, progress
 from gatar_edge.errors import ConfigError
 
@@ -23,12 +24,12 @@ STACKS = ("ardupilot", "px4", "mixed")
 @click.option("--targets", type=click.IntRange(1, 10_000), help="Number of targets.  [default: 20 to 30, by the seed]")
 @click.option("--size", type=click.IntRange(5, 256), default=15, show_default=True, help="Cells a side of the world.")
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="World, radio and autopilots.")
-@click.option("--r-sense", type=click.FloatRange(1, 64), default=4.0, show_default=True, help="Sight, in cells.")
-@click.option("--r-comm", type=click.FloatRange(0, 1e6), default=6.0, show_default=True, help="Radio range, in cells.")
+@click.option("--r-sense", type=FiniteRange(1, 64), default=4.0, show_default=True, help="Sight, in cells.")
+@click.option("--r-comm", type=FiniteRange(0, 1e6), default=6.0, show_default=True, help="Radio range, in cells.")
 @click.option("--allocator", default="gatar", show_default=True, help="gatar, gatar:FILE.onnx, nearest, greedy, ...")
 @click.option("--stack", type=click.Choice(STACKS), default="ardupilot", show_default=True, help="Autopilot family.")
-@click.option("--loss", type=click.FloatRange(0, 0.95), default=0.0, help="Share of lost messages between robots.")
-@click.option("--telemetry-loss", type=click.FloatRange(0, 0.9), default=0.0, help="The same, robot to autopilot.")
+@click.option("--loss", type=FiniteRange(0, 0.95), default=0.0, help="Share of lost messages between robots.")
+@click.option("--telemetry-loss", type=FiniteRange(0, 0.9), default=0.0, help="The same, robot to autopilot.")
 @click.option("--faults", "faults_file", type=click.Path(path_type=Path, dir_okay=False), help="TOML: what goes wrong.")
 @click.option("--max-steps", type=click.IntRange(1, 100_000), default=500, show_default=True, help="Give up after.")
 @click.option(
@@ -39,9 +40,7 @@ STACKS = ("ardupilot", "px4", "mixed")
 )
 @click.option("--realtime", is_flag=True, help="By the wall clock, with the vehicles on UDP for real clients.")
 @click.option("--listen", default="udp:127.0.0.1:14550", show_default=True, help="With --realtime: the vehicles.")
-@click.option(
-    "--speed-factor", type=click.FloatRange(0.1, 100), default=1.0, show_default=True, help="With --realtime."
-)
+@click.option("--speed-factor", type=FiniteRange(0.1, 100), default=1.0, show_default=True, help="With --realtime.")
 @click.option(
     "--daemons",
     type=click.Path(path_type=Path, file_okay=False),
