@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from gatar_edge.commands._options import FiniteRange
 from gatar_edge.commands._sim import fleet_config, open_fleet, progress
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from gatar_edge.sim_sitl.tally import Result
 
 STACKS = ("ardupilot", "px4", "mixed")
+LIVE = ("listen", "speed_factor", "daemons", "base_port")  # options of --realtime
 
 
 @click.command("sim")
@@ -54,7 +56,8 @@ STACKS = ("ardupilot", "px4", "mixed")
     help="With --daemons: they use this UDP port and the 200 above it.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the result for machines.")
-def command(as_json: bool, log_path: Path | None, out: Path | None, **options: Any) -> None:
+@click.pass_context
+def command(context: click.Context, /, as_json: bool, log_path: Path | None, out: Path | None, **options: Any) -> None:
     """Fly a mission: every robot with its own mind, radio, bridge and simulated autopilot.
 
     Virtual time runs as fast as the machine can; the same seed gives the same decisions (see the digest).
@@ -70,18 +73,21 @@ def command(as_json: bool, log_path: Path | None, out: Path | None, **options: A
     """
     if out is not None and log_path is not None:
         raise ConfigError("--log and --out exclude each other: --out already writes mission.mcap into its folder")
+    live = {name: options.pop(name) for name in LIVE}
+    realtime = options.pop("realtime")
+    for name in LIVE:
+        if not realtime and context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            raise ConfigError(f"--{name.replace('_', '-')} needs --realtime: it means nothing in virtual time")
+    if live["daemons"] is not None and (log_path or out):
+        raise ConfigError(f"--daemons excludes --log and --out: each daemon writes its log into {live['daemons']}/logs")
     if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        log_path = out / "mission.mcap"
-    live = {key: options.pop(key) for key in ("realtime", "listen", "speed_factor", "daemons", "base_port")}
+        log_path = _made(out) / "mission.mcap"
     allocator = options.pop("allocator")
     config = fleet_config(**options)
-    if live.pop("realtime"):
+    if realtime:
         from gatar_edge.commands.sim_realtime import fly_live
 
         result = fly_live(config, allocator, log_path, quiet=as_json, **live)
-    elif live["daemons"] is not None:
-        raise ConfigError("--daemons needs --realtime: daemons run by the wall clock")
     else:
         result = fly(config, allocator, log_path, quiet=as_json)
     report = _write_report(log_path) if out is not None and log_path is not None else None
@@ -91,6 +97,8 @@ def command(as_json: bool, log_path: Path | None, out: Path | None, **options: A
     print_table(result)
     if log_path is not None:
         click.echo(f"\nlog     {log_path}")
+    if (folder := live["daemons"]) is not None:
+        click.echo(f"\nNext: end the daemons, then\n  gatar log merge {folder}/logs/*.mcap -o {folder}/merged.mcap")
     if report is not None:
         click.echo(f"report  {report}\n\nNext: open the report in a browser, or run\n  gatar log info {log_path}")
 
@@ -120,14 +128,25 @@ def print_table(result: Result) -> None:
         ("  by step 10 / 20 / 40", " / ".join(str(by_step[step]) for step in ("10", "20", "40"))),
         ("steps to 90 % / 100 %", f"{show(figures['steps_90'])} / {show(figures['steps_100'])}"),
         ("cells travelled, UAV / UGV", " / ".join(f"{figures['distance_cells'][kind]:g}" for kind in ("UAV", "UGV"))),
-        ("retasks", str(result.retasks)),
         ("messages, bytes a robot", f"{figures['messages_per_robot']:g}, {figures['bytes_per_robot']:g}"),
-        ("decision p50 / p99", f"{figures['decision_p50_us']:g} / {figures['decision_p99_us']:g} us"),
-        ("fallbacks", str(result.fallbacks)),
     ]
+    if figures["decisions"]:  # daemons keep theirs to themselves and their logs
+        rows += [
+            ("retasks", str(result.retasks)),
+            ("decision p50 / p99", f"{figures['decision_p50_us']:g} / {figures['decision_p99_us']:g} us"),
+            ("fallbacks", str(result.fallbacks)),
+        ]
     width = max(len(name) for name, _ in rows)
     for name, value in rows:
         click.echo(f"{name:<{width}}  {value}")
+
+
+def _made(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"{folder} cannot be made: {error.strerror}") from error
+    return folder
 
 
 def _write_report(log_path: Path) -> Path:
