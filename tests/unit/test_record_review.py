@@ -134,6 +134,29 @@ def test_a_target_kept_is_one_chosen_again_where_the_allocator_is_steady(choice:
     assert "not reconsidered" not in text
 
 
+def test_the_way_left_is_told_and_the_corners_of_a_mission() -> None:
+    path = ((2, 4), (3, 4), (4, 4), (4, 5), (5, 5), (5, 6))
+    decision = Decision(
+        1,
+        9,
+        0,
+        (4, 4),
+        Assignment(TaskKind.TARGET, (5, 6), Reason.KEPT, path),
+        "gatar",
+        "",
+        False,
+        (ROBOT,),
+        (0,),
+        (),
+        (),
+    )
+    wanted = {"type": "mission", "cells": [[4, 4], [4, 5], [5, 5], [5, 6]]}
+    record = {"wanted": wanted, "sent": wanted}
+    lines = words(explain(json_object(msgspec.json.encode(decision)), None, record))
+    assert lines[0].endswith("goes for the target at (5, 6), 3 cells away.")
+    assert "The vehicle was told: drive to (5, 6), round 3 corners." in lines
+
+
 def test_a_place_to_look_is_told_as_the_allocators_or_as_the_rules() -> None:
     going = Assignment(TaskKind.EXPLORE, (9, 9), Reason.FRONTIER, ((4, 4), (9, 9)))
     by_model, by_rule = ("\n".join(decided_on(going, -1, frontier=cell)) for cell in ((9, 9), None))
