@@ -72,9 +72,15 @@ def main() -> None:
     except click.ClickException as error:
         click.echo(f"gatar: {_one_line(error)}", err=True)
         sys.exit(error.exit_code)
-    except click.Abort:
+    except click.Abort as abort:
+        if isinstance(abort.__context__, EOFError):
+            click.echo("gatar: an answer is missing: give it as an option - see --help", err=True)
+            sys.exit(2)
         click.echo("gatar: interrupted", err=True)
         sys.exit(130)
+    except OSError as error:  # that no command has foreseen: a full disk, a folder that may not be entered
+        click.echo(f"gatar: {error}", err=True)
+        sys.exit(2)
     sys.exit(result if isinstance(result, int) else 0)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ipaddress
+import os
 import socket
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from gatar_edge.perception import MAX_OBSERVATION_BYTES
 from gatar_edge.transports.udp import parse_address
 
 MAX_PER_RECEIVE = 64
+_PATH_BYTES = 107  # of a Unix socket, see unix(7)
 _BUFFER_BYTES = 1 << 20  # for a few large observations
 
 
@@ -25,7 +27,7 @@ class PerceptionSocket:
     def __init__(self, listen: str, *, allow_remote: bool = False) -> None:
         self._path: Path | None = None
         if listen.startswith("unix:"):
-            self._path = Path(listen.removeprefix("unix:"))
+            self._path = unix_path(listen)
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
             _remove_stale(self._path)
             address: str | tuple[str, int] = str(self._path)
@@ -68,6 +70,17 @@ class PerceptionSocket:
         self._socket.close()
         if self._path is not None:
             self._path.unlink(missing_ok=True)
+
+
+def unix_path(listen: str) -> Path:
+    """The path in "unix:/path". Raises LinkError where no socket can be made there."""
+    path = Path(listen.removeprefix("unix:"))
+    if not path.parent.is_dir() or path.is_dir() or len(os.fsencode(path)) > _PATH_BYTES:
+        raise LinkError(
+            f"perception.listen {listen!r} is no place for a socket: give a path of at most {_PATH_BYTES} bytes "
+            "in a folder that exists"
+        )
+    return path
 
 
 def local_address(listen: str, *, allow_remote: bool = False) -> tuple[str, int]:

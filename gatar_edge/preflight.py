@@ -24,10 +24,10 @@ from gatar_edge.bridge.signing import Signing, load_key, timestamp_of
 from gatar_edge.errors import ConfigError, GatarError, MissingExtraError
 from gatar_edge.keys import read_key
 from gatar_edge.message import MESSAGE_BYTES, first_seq
-from gatar_edge.perception_link import local_address
+from gatar_edge.perception_link import local_address, unix_path
 from gatar_edge.persist import LoadOutcome, Restored, load
 from gatar_edge.transports.budget import ByteBudget
-from gatar_edge.transports.udp import parse_address
+from gatar_edge.transports.udp import parse_address, parse_group
 from gatar_edge.types import CellState, RobotKind, RobotState
 from gatar_edge.vehicle_config import VehicleConfig
 from gatar_edge.view import build_view
@@ -65,11 +65,14 @@ def prepare(config: VehicleConfig, unix_ns: int) -> Prepared:
     signing_file = config.vehicle.signing_key_file
     signing_key = load_key(Path(signing_file)) if signing_file else None
     driver = driver_config(config)
-    _check_addresses(config)
+    check_addresses(config)
+    _check_peers(config)
     ByteBudget(config.net.bytes_per_s, sends=max(1, len(config.net.peers) + bool(config.net.group)))
     for name, folder in (("log.folder", config.log.folder), ("state.file", str(Path(config.state.file).parent))):
         if config.log.folder if name == "log.folder" else config.state.file:
             _check_folder(name, Path(folder))
+    if Path(config.state.file).is_dir() and config.state.file:
+        raise ConfigError(f"state.file {config.state.file} is a folder: give the name of a file in it")
     allocator = make_allocator(config)
     restored = Restored(LoadOutcome.ABSENT)
     if config.state.file:
@@ -124,8 +127,10 @@ def _load_allocator(config: VehicleConfig) -> Allocator:
         from gatar_edge.policy import DEFAULT_MODEL
 
         return Gatar(Path(model.file) if model.file else DEFAULT_MODEL, config.agent)
-    from gatar_edge.allocators.registry import make
+    from gatar_edge.allocators.registry import hears_all, make
 
+    if hears_all(model.allocator):
+        raise ConfigError(f"allocator {model.allocator} hears all robots at any distance: it is for simulations only")
     if model.file:
         raise ConfigError(f"model.file is for the allocator gatar, not {model.allocator}: leave one of them out")
     return make(model.allocator)()
@@ -172,16 +177,25 @@ def _launching(config: VehicleConfig, dry_run: bool) -> str:
     return f"{starts} when a person has armed it"
 
 
-def _check_addresses(config: VehicleConfig) -> None:
+def check_addresses(config: VehicleConfig) -> None:
+    """Of this machine and its vehicle; those of peers are for `prepare`, on the network where they are known."""
     check_url(config.vehicle.url)
-    if not config.perception.listen.startswith("unix:"):
+    if config.perception.listen.startswith("unix:"):
+        unix_path(config.perception.listen)
+    else:
         local_address(config.perception.listen, allow_remote=config.perception.allow_remote)
     if config.watch.http:
         parse_address(config.watch.http, "watch.http")
+    if config.net.transport == "udp":
+        own = parse_address(config.net.listen, "net.listen")
+        if config.net.group:
+            parse_group(config.net.group, own, config.net.listen)
+
+
+def _check_peers(config: VehicleConfig) -> None:
     if config.net.transport == "zenoh" and importlib.util.find_spec("zenoh") is None:
         raise MissingExtraError("net.transport = 'zenoh'", "zenoh", "eclipse-zenoh")
     if config.net.transport == "udp":
-        parse_address(config.net.listen, "net.listen")
         for peer in config.net.peers:
             parse_address(peer, "net.peers", lowest_port=1)
 

@@ -150,21 +150,14 @@ def listening_to_signals(orders: Orders, waiter: Waiter) -> Iterator[None]:
 
 @contextlib.contextmanager
 def opened(prepared: Prepared, clock_ns: Clock, *, dry_run: bool) -> Iterator[Process]:
-    """Open sockets, log and state, and close them at the end, the log last. Raises LinkError and LogError."""
+    """Open sockets, log and state, and close them at the end, the sockets last. Raises LinkError and LogError."""
     config = prepared.config
     with contextlib.ExitStack() as stack:
-        log = _open_log(prepared, clock_ns())
-        if log is not None:
-            stack.callback(log.close)
-        journal = Journal(config.robot.id, log)
         link = stack.enter_context(open_link(config.vehicle.url))
         radio, tap = _open_radio(config, prepared.driver.sysid, link)
         stack.callback(radio.close)
         perception = PerceptionSocket(config.perception.listen, allow_remote=config.perception.allow_remote)
         stack.callback(perception.close)
-        vehicle = _vehicle(prepared, link, journal, log, clock_ns(), dry_run=dry_run, tap=tap)
-        waiter = Waiter([radio.fileno, perception.fileno, link.fileno])
-        stack.callback(waiter.close)
         notifier = Notifier()
         watchers = [notifier.published]
         if config.watch.http:
@@ -173,6 +166,13 @@ def opened(prepared: Prepared, clock_ns: Clock, *, dry_run: bool) -> Iterator[Pr
             http = HttpWatch(config.watch.http, clock_ns)
             stack.callback(http.close)
             watchers.append(http.published)
+        log = _open_log(prepared, clock_ns())  # only now: a start that fails must not look like a robot started anew
+        if log is not None:
+            stack.callback(log.close)
+        journal = Journal(config.robot.id, log)
+        vehicle = _vehicle(prepared, link, journal, log, clock_ns(), dry_run=dry_run, tap=tap)
+        waiter = Waiter([radio.fileno, perception.fileno, link.fileno])
+        stack.callback(waiter.close)
         saver = StateSaver(Path(config.state.file)) if config.state.file else None
         daemon = Daemon(
             _make_agent(prepared, journal, log, clock_ns()),

@@ -21,6 +21,7 @@ from gatar_edge.types import GridSpec, RobotKind
 MAX_CONFIG_BYTES = 1_000_000
 
 _AGENT = AgentConfig()
+_Path = Annotated[str, Meta(pattern=r"^[^\0]*$")]
 _Side = Annotated[int, Meta(ge=1, le=1024)]
 _Latitude = Annotated[float, Meta(ge=-89, le=89)]
 _Longitude = Annotated[float, Meta(ge=-180, le=180)]
@@ -67,19 +68,19 @@ class ModelSection(_Section, frozen=True, kw_only=True):
     """What decides."""
 
     allocator: str = "gatar"
-    file: str = ""  # an ONNX file; empty: the one that is shipped
+    file: _Path = ""  # an ONNX file; empty: the one that is shipped
 
 
 class NetSection(_Section, frozen=True, kw_only=True):
     """How neighbours are reached."""
 
-    key_file: str
+    key_file: _Path
     transport: Literal["udp", "mavlink", "zenoh"] = "udp"
     listen: str = "0.0.0.0:14600"
     peers: list[str] = field(default_factory=list)  # udp: host:port; zenoh: endpoints to connect to
     group: str = ""  # udp: a multicast group, like 239.255.71.1:14600
     bytes_per_s: Annotated[int, Meta(ge=1024, le=100_000_000)] = 32_768  # never exceeded; relays give way first
-    zenoh_config: str = ""  # zenoh: a file with the rest of its configuration (certificates, access control)
+    zenoh_config: _Path = ""  # zenoh: a file with the rest of its configuration (certificates, access control)
 
     def __post_init__(self) -> None:
         if self.transport == "udp" and not self.peers and not self.group:
@@ -93,12 +94,12 @@ class NetSection(_Section, frozen=True, kw_only=True):
 class VehicleSection(_Section, frozen=True, kw_only=True):
     """The autopilot and what it may be told."""
 
-    url: str  # udpin:host:port, udpout:host:port, tcp:host:port or serial:device:baud
+    url: _Path  # udpin:host:port, udpout:host:port, tcp:host:port or serial:device:baud
     sysid: Annotated[int, Meta(ge=0, le=255)] = 0  # of the autopilot; 0: the robot's id
     altitude_m: Annotated[float, Meta(gt=0, le=500)] = 20.0  # above home, for UAVs: a layer for each
     altitude_band_m: tuple[float, float] = (2.0, 120.0)  # outside of it nothing is commanded
     fence: list[tuple[_Latitude, _Longitude]] = field(default_factory=list)  # corners; empty: the grid's rectangle
-    signing_key_file: str = ""  # the key of the autopilot's link, mode 0600; empty: nothing is signed
+    signing_key_file: _Path = ""  # the key of the autopilot's link, mode 0600; empty: nothing is signed
     drive: Literal["mission", "guided"] = "mission"  # how a UGV is driven
     launch: Literal["armed", "auto"] = "armed"  # take over, and take off, once a person has armed it; or arm it oneself
     min_separation_m: Annotated[float, Meta(ge=0, le=1000)] = 0.0  # UGVs: from where another rests; 0: not asked
@@ -115,7 +116,7 @@ class VehicleSection(_Section, frozen=True, kw_only=True):
 class PerceptionSection(_Section, frozen=True, kw_only=True):
     """Where observations come in."""
 
-    listen: str = "127.0.0.1:14700"  # or unix:/run/gatar/perception.sock
+    listen: _Path = "127.0.0.1:14700"  # or unix:/run/gatar/perception.sock
     allow_remote: bool = False  # observations are not signed: only this machine may send them
 
 
@@ -135,7 +136,7 @@ class LoopSection(_Section, frozen=True, kw_only=True):
 class LogSection(_Section, frozen=True, kw_only=True):
     """The mission log."""
 
-    folder: str = "logs"  # files named by robot and time; empty: no log
+    folder: _Path = "logs"  # files named by robot and time; empty: no log
     rotate_min: Annotated[float, Meta(ge=1, le=1440)] = 60.0  # begin another file after this long
     rotate_mb: Annotated[float, Meta(ge=1, le=4000)] = 64.0  # or when it is this large
     keep_mb: Annotated[float, Meta(ge=2, le=10_000_000)] = 2000.0  # of this robot in all: the oldest are deleted
@@ -149,7 +150,7 @@ class LogSection(_Section, frozen=True, kw_only=True):
 class StateSection(_Section, frozen=True, kw_only=True):
     """What survives a crash."""
 
-    file: str = "state-{id}.bin"  # {id}: the robot's; empty: none
+    file: _Path = "state-{id}.bin"  # {id}: the robot's; empty: none
     period_s: Annotated[float, Meta(ge=0.1, le=60)] = 1.0
     max_age_s: Annotated[float, Meta(ge=0, le=86_400)] = 600.0  # older knowledge is of another mission
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from gatar_edge.commands._options import FiniteRange
 from gatar_edge.errors import LinkError
 
 if TYPE_CHECKING:
@@ -32,10 +33,10 @@ SOAK_HELP = "Simulated, for the growth after the warm-up."
 @click.command("daemon")
 @click.option("--allocator", default="gatar", show_default=True)
 @click.option("--neighbors", type=click.IntRange(0, 63), default=12, show_default=True, help="All hear each other.")
-@click.option("--seconds", type=click.FloatRange(1), default=20.0, show_default=True, help="Of each measured load.")
+@click.option("--seconds", type=FiniteRange(1), default=20.0, show_default=True, help="Of each measured load.")
 @click.option("--flood", type=click.IntRange(0), default=1000, show_default=True, help="Hostile datagrams a second.")
-@click.option("--hours", type=click.FloatRange(0), default=1.0, show_default=True, help=SOAK_HELP)
-@click.option("--warm-up-hours", type=click.FloatRange(0.2), default=2.0, show_default=True, help="Simulated, before.")
+@click.option("--hours", type=FiniteRange(0), default=1.0, show_default=True, help=SOAK_HELP)
+@click.option("--warm-up-hours", type=FiniteRange(0.2), default=2.0, show_default=True, help="Simulated, before.")
 @click.option("--json", "as_json", is_flag=True, help="Print for machines.")
 def command(
     allocator: str, neighbors: int, seconds: float, flood: int, hours: float, warm_up_hours: float, as_json: bool

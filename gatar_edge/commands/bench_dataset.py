@@ -7,12 +7,13 @@ import json
 import click
 
 from gatar_edge.commands._learn import need
+from gatar_edge.commands._options import FiniteRange
 
 
 @click.command("dataset")
 @click.option("--team", default="6A6G", show_default=True)
 @click.option("--size", type=click.IntRange(5, 254), default=15, show_default=True, help="Cells a side of a world.")
-@click.option("--r-comm", type=click.FloatRange(0, 1000), default=6.0, show_default=True, help="Cells.")
+@click.option("--r-comm", type=FiniteRange(0, 1000), default=6.0, show_default=True, help="Cells.")
 @click.option("--shards", type=click.IntRange(1, 1000), default=3, show_default=True, help="Of 1024 team-steps each.")
 @click.option("--json", "as_json", is_flag=True)
 def command(team: str, size: int, r_comm: float, shards: int, as_json: bool) -> None:

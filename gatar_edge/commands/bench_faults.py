@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from gatar_edge.commands._options import FiniteRange
+
 if TYPE_CHECKING:
     from gatar_edge.bridge.mission_items import Items
     from gatar_edge.bridge.mission_states import Result
@@ -126,9 +128,9 @@ def summary(done: list[Trial]) -> dict[str, Any]:
 
 @click.command("faults")
 @click.option("--seeds", type=click.IntRange(1, 100_000), default=200, show_default=True, help="Two uploads each.")
-@click.option("--loss", type=click.FloatRange(0, 0.9), default=0.3, show_default=True)
-@click.option("--duplicates", type=click.FloatRange(0, 1), default=0.1, show_default=True)
-@click.option("--reorder", type=click.FloatRange(0, 1), default=1.0, show_default=True, help="Share that may overtake.")
+@click.option("--loss", type=FiniteRange(0, 0.9), default=0.3, show_default=True)
+@click.option("--duplicates", type=FiniteRange(0, 1), default=0.1, show_default=True)
+@click.option("--reorder", type=FiniteRange(0, 1), default=1.0, show_default=True, help="Share that may overtake.")
 @click.option("--delay-ms", type=click.IntRange(0, 10_000), default=400, show_default=True, help="From 0 up to this.")
 @click.option("--json", "as_json", is_flag=True, help="Print for machines.")
 def command(seeds: int, loss: float, duplicates: float, reorder: float, delay_ms: int, as_json: bool) -> None:

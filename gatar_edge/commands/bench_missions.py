@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from gatar_edge.commands._options import FiniteRange
 from gatar_edge.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -106,8 +107,8 @@ def seeds_of(text: str) -> range:
 @click.option("--seeds", default="1-50", show_default=True, help="One seed a mission.")
 @click.option("--allocator", default="greedy", show_default=True)
 @click.option("--stack", type=click.Choice(["ardupilot", "px4", "mixed"]), default="mixed", show_default=True)
-@click.option("--loss", type=click.FloatRange(0, 0.95), default=0.2, show_default=True, help="On the radio.")
-@click.option("--telemetry-loss", type=click.FloatRange(0, 0.9), default=0.2, show_default=True)
+@click.option("--loss", type=FiniteRange(0, 0.95), default=0.2, show_default=True, help="On the radio.")
+@click.option("--telemetry-loss", type=FiniteRange(0, 0.9), default=0.2, show_default=True)
 @click.option("--kills", type=click.IntRange(0, 63), default=0, show_default=True, help="Robots that die in flight.")
 @click.option("--max-steps", type=click.IntRange(1, 100_000), default=300, show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="Print for machines.")

@@ -8,6 +8,8 @@ from typing import Any
 
 import click
 
+from gatar_edge.commands._options import FiniteRange
+
 
 @click.command("policy")
 @click.option("--model", type=click.Path(path_type=Path, dir_okay=False), help="The shipped one by default.")
@@ -17,9 +19,7 @@ import click
 )  # fmt: skip
 @click.option("--targets", type=click.IntRange(1, 64), default=25, show_default=True, help="Known targets.")
 @click.option("--repeats", type=click.IntRange(1, 10_000), default=30, show_default=True, help="For each of 10 scenes.")
-@click.option(
-    "--seconds", type=click.FloatRange(0.2, 600), default=5.0, show_default=True, help="Of the measured process."
-)
+@click.option("--seconds", type=FiniteRange(0.2, 600), default=5.0, show_default=True, help="Of the measured process.")
 @click.option("--torch/--no-torch", "with_torch", default=True, help="Beside the network in torch, where installed.")
 @click.option("--json", "as_json", is_flag=True, help="Print for machines.")
 def command(

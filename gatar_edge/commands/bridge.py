@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
+from gatar_edge.commands._options import FiniteRange
 from gatar_edge.errors import ConfigError
 
 if TYPE_CHECKING:
     from gatar_edge.bridge.errands import MissionErrand
     from gatar_edge.bridge.mission_items import Items
     from gatar_edge.bridge.settings import DriverConfig
+    from gatar_edge.bridge.visit import Visit
     from gatar_edge.types import Cell
 
 MAX_CELLS_BYTES = 100_000
@@ -44,7 +46,7 @@ def _vehicle_options(function: Callable[..., None]) -> Callable[..., None]:
             type=click.Path(path_type=Path, dir_okay=False),
             help="The vehicle.toml of its daemon: gives link, system and grid.",
         ),
-        click.option("--timeout-s", type=click.FloatRange(1, 600), default=60.0, show_default=True),
+        click.option("--timeout-s", type=FiniteRange(1, 600), default=60.0, show_default=True),
     )
     return functools.reduce(lambda f, option: option(f), reversed(options), function)
 
@@ -54,7 +56,12 @@ def _vehicle_options(function: Callable[..., None]) -> Callable[..., None]:
 @click.option("--json", "as_json", is_flag=True, help="For machines.")
 @click.pass_context
 def download(context: click.Context, /, as_json: bool, **vehicle: Any) -> None:
-    """Print the mission that is on board; with --config each waypoint's cell too."""
+    """Print the mission that is on board; with --config each waypoint's cell too.
+
+    \b
+    Example:
+      gatar bridge download --vehicle udpin:0.0.0.0:14550 --json
+    """
     errand, plan = _mission(context, clear=False, **vehicle)
     _print(errand.items, plan, as_json)
 
@@ -72,10 +79,17 @@ def verify(context: click.Context, /, cells_path: Path | None, **vehicle: Any) -
     """Compare the mission on board with a list of cells, within the vehicle's rounding.
 
     Exit code 0: the same; 1: another, with the first difference.
+
+    \b
+    Example:
+      gatar bridge verify --config vehicle.toml --cells cells.json
+      echo '[[3, 4], [3, 9]]' | gatar bridge verify --config vehicle.toml --cells -
     """
     cells = _read_cells(cells_path) if cells_path is not None else None
     if cells is not None and vehicle["config_path"] is None:
         raise ConfigError("cells mean nothing without a grid: give --config vehicle.toml")
+    if cells is not None:
+        _check_inside(cells, vehicle["config_path"])
     errand, plan = _mission(context, clear=False, **vehicle)
     if cells is None or plan is None:
         _print(errand.items, plan, False)
@@ -89,7 +103,12 @@ def verify(context: click.Context, /, cells_path: Path | None, **vehicle: Any) -
 @_vehicle_options
 @click.pass_context
 def clear(context: click.Context, /, **vehicle: Any) -> None:
-    """Remove the mission on board. Refused while armed: it is no way to stop a vehicle, only a mode is."""
+    """Remove the mission on board. Refused while armed: it is no way to stop a vehicle, only a mode is.
+
+    \b
+    Example:
+      gatar bridge clear --vehicle udpin:0.0.0.0:14550
+    """
     errand, _ = _mission(context, clear=True, **vehicle)
     assert errand.visit.vehicle is not None
     click.echo(f"the mission of vehicle {errand.visit.vehicle[0]} is cleared")
@@ -105,6 +124,10 @@ def set_origin(
     """Give the estimator of a vehicle without GPS its origin, and wait until the vehicle tells it back.
 
     It is not home: that the vehicle sets by itself once it knows where it is. Refused while armed.
+
+    \b
+    Example:
+      gatar bridge set-origin --vehicle udpin:0.0.0.0:14550 --at 47.397742,8.545594,488
     """
     from gatar_edge.bridge.errands import OriginErrand, OriginOutcome
     from gatar_edge.bridge.geo import deg_e7
@@ -120,7 +143,7 @@ def set_origin(
     if errand.outcome is OriginOutcome.SET and errand.told is not None:
         click.echo(f"its origin is {errand.told.lat_e7 / 1e7:.7f}, {errand.told.lon_e7 / 1e7:.7f}")
         return
-    text = errand.outcome.value if errand.outcome is not None else errand.visit.unsupported or "out of time"
+    text = errand.outcome.value if errand.outcome is not None else _why_not(errand.visit)
     if errand.outcome is OriginOutcome.KEPT and errand.told is not None:
         text += f": {errand.told.lat_e7 / 1e7:.7f}, {errand.told.lon_e7 / 1e7:.7f}; one from a GPS is never replaced"
     _give_up(context, text)
@@ -149,9 +172,15 @@ def _mission(
     if errand.refused:
         _give_up(context, "it is armed: nothing was cleared; stop it by a mode and disarm it first")
     if errand.result is None or not errand.result.ok:
-        text = errand.result.value if errand.result is not None else errand.visit.unsupported or "out of time"
+        text = errand.result.value if errand.result is not None else _why_not(errand.visit)
         _give_up(context, text)
     return errand, plan
+
+
+def _why_not(visit: Visit) -> str:
+    if visit.vehicle is None and not visit.unsupported and visit.autopilots:
+        return f"system {visit.sysid} is not heard, but {', '.join(map(str, visit.autopilots))}"
+    return visit.unsupported or "out of time"
 
 
 def _give_up(context: click.Context, text: str) -> NoReturn:
@@ -225,6 +254,16 @@ def _read_cells(path: Path) -> tuple[Cell, ...]:
     if not 0 < len(cells) < MAX_ITEMS:
         raise ConfigError(f"{path} has {len(cells)} cells, must be 1 to {MAX_ITEMS - 1}")
     return tuple(cells)
+
+
+def _check_inside(cells: tuple[Cell, ...], config_path: Path) -> None:
+    from gatar_edge.bridge.geo import inside_grid
+    from gatar_edge.vehicle_config import read_config
+
+    grid = read_config(config_path).grid_spec
+    for cell in cells:
+        if not inside_grid(grid, cell):
+            raise ConfigError(f"cell {cell} is outside of the grid of {grid.width} x {grid.height} cells")
 
 
 def _place(text: str) -> tuple[float, float, float]:

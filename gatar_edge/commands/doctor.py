@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from gatar_edge.commands._options import FiniteRange
+
 COLORS = {"OK": "green", "WARN": "yellow", "FAIL": "red"}
 
 
@@ -18,7 +20,7 @@ COLORS = {"OK": "green", "WARN": "yellow", "FAIL": "red"}
     type=click.Path(path_type=Path, dir_okay=False),
     help="The vehicle.toml of its daemon: gives link and system, and adds checks of grid, fence and altitude.",
 )
-@click.option("--timeout-s", type=click.FloatRange(1, 600), default=15.0, show_default=True)
+@click.option("--timeout-s", type=FiniteRange(1, 600), default=15.0, show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="For machines.")
 @click.pass_context
 def command(

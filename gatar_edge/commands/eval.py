@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gatar_edge.commands._learn import bar, need
+from gatar_edge.commands._options import FiniteRange
 
 if TYPE_CHECKING:
     from gatar_edge.allocators.base import Allocator
@@ -47,8 +48,8 @@ class LazyParts(click.Group):
 @click.option("--model", type=click.Path(path_type=Path, dir_okay=False), help="ONNX file.  [default: gatar-greedy]")
 @click.option("--team", default="6A6G", show_default=True)
 @click.option("--size", type=click.IntRange(5, 254), default=15, show_default=True, help="Cells a side of a world.")
-@click.option("--r-sense", type=click.FloatRange(0, 100), default=4.0, show_default=True, help="Cells.")
-@click.option("--r-comm", type=click.FloatRange(0, 1000), default=6.0, show_default=True, help="Cells.")
+@click.option("--r-sense", type=FiniteRange(0, 100), default=4.0, show_default=True, help="Cells.")
+@click.option("--r-comm", type=FiniteRange(0, 1000), default=6.0, show_default=True, help="Cells.")
 @click.option("--samples", type=click.IntRange(1, 10_000_000), default=3000, show_default=True, help="Labelled robots.")
 @click.option("--seed", type=click.IntRange(0, 999_999), default=0, show_default=True, help="Of the first test world.")
 @click.option("--json", "as_json", is_flag=True)

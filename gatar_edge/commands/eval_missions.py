@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from gatar_edge.commands._options import FiniteRange
+
 if TYPE_CHECKING:
     from gatar_edge.campaign import Campaign, Figures, Flight
 
@@ -33,9 +35,9 @@ LINE_EVERY_S = 10.0
     "--map", "map_file", type=click.Path(dir_okay=False), default="", help="City map (.map) to cut worlds from."
 )
 @click.option("--window", type=int, default=48, show_default=True, help="Cells a side of a world cut from --map.")
-@click.option("--r-sense", type=click.FloatRange(0, 100), default=4.0, show_default=True, help="Cells.")
-@click.option("--r-comm", type=click.FloatRange(0, 10_000), default=6.0, show_default=True, help="Cells.")
-@click.option("--loss", type=click.FloatRange(0, 1), default=0.0, show_default=True, help="Share of messages lost.")
+@click.option("--r-sense", type=FiniteRange(0, 100), default=4.0, show_default=True, help="Cells.")
+@click.option("--r-comm", type=FiniteRange(0, 10_000), default=6.0, show_default=True, help="Cells.")
+@click.option("--loss", type=FiniteRange(0, 1), default=0.0, show_default=True, help="Share of messages lost.")
 @click.option("--delay-ticks", type=click.IntRange(0, 100), default=0, show_default=True, help="Of every message.")
 @click.option("--kills", type=click.IntRange(0, 63), default=0, show_default=True, help="Robots lost on the way.")
 @click.option(

@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from gatar_edge.commands._learn import bar, need
+from gatar_edge.commands._options import FiniteRange
 from gatar_edge.errors import ConfigError
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
@@ -23,7 +24,7 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 @click.option(
     "--minutes-per-network",
     "minutes",
-    type=click.FloatRange(0, min_open=True),
+    type=FiniteRange(0, min_open=True),
     help="Equal time in place of equal steps.",
 )
 @click.option("--steps", type=click.IntRange(1), help="Of training each network.  [default: 2500]")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gatar_edge.commands._options import FiniteRange
 from gatar_edge.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ SILENT_S = 3.0
 @click.option("--key", "key_path", type=click.Path(path_type=Path), help="The team's key, without --config.")
 @click.option("--listen", help="HOST:PORT where messages arrive.  [default: the configuration's, or 0.0.0.0:14600]")
 @click.option("--group", help="Multicast group.  [default: the configuration's]")
-@click.option("--seconds", type=click.FloatRange(0.1), help="End after this long.  [default: never]")
+@click.option("--seconds", type=FiniteRange(0.1, 1e9), help="End after this long.  [default: never]")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a second instead of a table.")
 def command(
     config_path: Path | None,

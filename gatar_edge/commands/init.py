@@ -85,9 +85,18 @@ http = {http}                  # /healthz and /metrics, such as "127.0.0.1:9100"
 
 
 @click.command("init")
-@click.option("--config", "path", type=click.Path(path_type=Path, dir_okay=False), default=Path("vehicle.toml"))
+@click.option(
+    "--config",
+    "path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    default=Path("vehicle.toml"),
+    show_default=True,
+    help="The file to write.",
+)
 @click.option("--id", "robot_id", type=click.IntRange(1, 65535), prompt="Robot's number in the team", help="Unique.")
-@click.option("--kind", type=click.Choice(["UAV", "UGV"], case_sensitive=False), prompt="Kind of vehicle")
+@click.option(
+    "--kind", type=click.Choice(["UAV", "UGV"], case_sensitive=False), prompt="Kind of vehicle", help="Flies or drives."
+)
 @click.option("--origin", prompt="South-west corner of the grid, LAT,LON in degrees", help="LAT,LON of the grid.")
 @click.option("--size", default="15x15", show_default=True, help="Cells east x north.")
 @click.option("--cell-m", type=float, default=10.0, show_default=True, help="Side of a cell.")
@@ -95,15 +104,25 @@ http = {http}                  # /healthz and /metrics, such as "127.0.0.1:9100"
 @click.option("--altitude-m", type=float, default=20.0, show_default=True, help="A layer for each UAV.")
 @click.option("--r-sense", type=float, default=4.0, show_default=True, help="Sight of the perception, in cells.")
 @click.option("--r-comm", type=float, default=6.0, show_default=True, help="Reach of the team's graph, in cells.")
-@click.option("--url", prompt="Autopilot (such as udpin:127.0.0.1:14551 or serial:/dev/ttyAMA0:921600)")
-@click.option("--allocator", default="gatar", show_default=True)
+@click.option(
+    "--url",
+    prompt="Autopilot (such as udpin:127.0.0.1:14551 or serial:/dev/ttyAMA0:921600)",
+    help="The autopilot: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD.",
+)
+@click.option("--allocator", default="gatar", show_default=True, help="What decides: gatar, greedy, routing, ...")
 @click.option("--listen", default="0.0.0.0:14600", show_default=True, help="Where neighbours are heard.")
 @click.option("--peer", "peers", multiple=True, help="HOST:PORT of a neighbour; may be repeated.")
 @click.option(
     "--group", default="239.255.71.1:14600", show_default=True, help="Multicast group, where no peer is given."
 )
 @click.option("--perception", default="127.0.0.1:14700", show_default=True, help="Where observations come in.")
-@click.option("--launch", type=click.Choice(["armed", "auto"]), default="armed", show_default=True)
+@click.option(
+    "--launch",
+    type=click.Choice(["armed", "auto"]),
+    default="armed",
+    show_default=True,
+    help="auto: arms the vehicle by itself, for simulators only.",
+)
 @click.option("--http", default="", help="HOST:PORT of /healthz and /metrics.")
 @click.option("--key-file", default="team.key", show_default=True, help="Made where there is none.")
 @click.option("--force", is_flag=True, help="Overwrite an existing configuration; a key is never overwritten.")
@@ -115,19 +134,22 @@ def command(path: Path, force: bool, key_file: str, origin: str, size: str, **op
       gatar init --id 3 --kind UAV --origin 47.397742,8.545594 --url udpin:127.0.0.1:14551
     """
     from gatar_edge.keys import read_key
+    from gatar_edge.preflight import check_addresses, driver_config
     from gatar_edge.vehicle_config import parse_config
 
     corner = _pair(origin, ",", float, "--origin", "47.397742,8.545594")
     sides = _pair(size.lower(), "x", int, "--size", "15x15")
     text = configuration(path.name, corner, sides, key_file, options)
-    parse_config(text, "what you gave")
+    config = parse_config(text, "what you gave")
+    check_addresses(config)
+    driver_config(config)
     if path.exists() and not force:
         raise ConfigError(f"{path} exists: --force overwrites it, --config writes another")
     key_path = path.parent / key_file
     made = make_key(key_path)
     read_key(key_path)
     try:
-        path.write_text(text)
+        path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise ConfigError(f"{path} cannot be written: {error.strerror}") from error
     click.echo(f"wrote  {path}")
@@ -142,12 +164,12 @@ def configuration(
 ) -> str:
     """The text of vehicle.toml."""
     peers = list(options["peers"])  # type: ignore[call-overload]
-    reach = f"peers = {json.dumps(peers)}" if peers else f"group = {json.dumps(options['group'])}"
-    quoted = {key: json.dumps(options[key]) for key in ("url", "allocator", "listen", "perception", "launch", "http")}
+    reach = f"peers = {_quoted(peers)}" if peers else f"group = {_quoted(options['group'])}"
+    quoted = {key: _quoted(options[key]) for key in ("url", "allocator", "listen", "perception", "launch", "http")}
     return TEMPLATE.format(
         name=name,
         id=options["robot_id"],
-        kind=json.dumps(str(options["kind"]).upper()),
+        kind=_quoted(str(options["kind"]).upper()),
         speed=options["speed_m_s"],
         lat=corner[0],
         lon=corner[1],
@@ -157,10 +179,15 @@ def configuration(
         r_sense=options["r_sense"],
         r_comm=options["r_comm"],
         altitude=options["altitude_m"],
-        key=json.dumps(key_file),
+        key=_quoted(key_file),
         reach=reach,
         **quoted,
     )
+
+
+def _quoted(value: object) -> str:
+    """As TOML writes it: like JSON, but that it takes no halves of characters."""
+    return json.dumps(value, ensure_ascii=False)
 
 
 def _pair(text: str, separator: str, kind: type[Number], option: str, example: str) -> tuple[Number, Number]:

@@ -7,7 +7,10 @@ from typing import Any
 
 import click
 
-LOG = click.argument("log", type=click.Path(path_type=Path), metavar="LOG.mcap")
+from gatar_edge.commands._options import FiniteRange
+
+FILE = click.Path(path_type=Path, dir_okay=False)
+LOG = click.argument("log", type=FILE, metavar="LOG.mcap")
 AS_JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 
 
@@ -49,7 +52,12 @@ def info(log: Path, as_json: bool) -> None:
 
 @command.command()
 @LOG
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="The page; LOG.html beside the log if not given.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="The page; LOG.html beside the log if not given.",
+)
 @click.option(
     "--compare", type=click.Path(path_type=Path), metavar="OTHER.mcap", help="Show another mission beside it."
 )
@@ -70,7 +78,9 @@ def report(log: Path, output: Path | None, compare: Path | None) -> None:
 @command.command()
 @LOG
 @click.option("--robot", type=int, required=True, help="Number of the robot.")
-@click.option("--t", "t_s", type=float, required=True, help="Seconds since the mission's first decision.")
+@click.option(
+    "--t", "t_s", type=FiniteRange(-1e9, 1e9), required=True, help="Seconds since the mission's first decision."
+)
 @AS_JSON
 def explain(log: Path, robot: int, t_s: float, as_json: bool) -> None:
     """Say why a robot did what it did: what it knew, whom it heard, the candidates, and why this one.
@@ -131,7 +141,7 @@ def replay(
 
 @command.command()
 @LOG
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="LOG.recovered.mcap if not given.")
+@click.option("-o", "--output", type=FILE, help="LOG.recovered.mcap if not given.")
 @AS_JSON
 def recover(log: Path, output: Path | None, as_json: bool) -> None:
     """Save what can be read of a damaged or unfinished log into a complete one, and say what was lost.
@@ -155,7 +165,7 @@ def recover(log: Path, output: Path | None, as_json: bool) -> None:
 
 @command.command()
 @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG.mcap...")
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="The merged log.")
+@click.option("-o", "--output", type=FILE, required=True, help="The merged log.")
 @AS_JSON
 def merge(logs: tuple[Path, ...], output: Path, as_json: bool) -> None:
     """Put the logs of several robots on one time line. Clock offsets come from the messages that they heard.
@@ -202,9 +212,16 @@ def export(log: Path, csv_folder: Path | None, tlog_folder: Path | None) -> None
 
 @command.command()
 @LOG
-@click.option("--from", "from_s", type=float, default=0.0, show_default=True, help="Seconds since the first decision.")
+@click.option(
+    "--from",
+    "from_s",
+    type=FiniteRange(0, 1e9),
+    default=0.0,
+    show_default=True,
+    help="Seconds since the first decision.",
+)
 @click.option("--drop-robot", "drop", type=int, multiple=True, help="Number of a robot to leave out; may be repeated.")
-@click.option("--r-comm", type=click.FloatRange(0), help="Another range of the radio, in cells.")
+@click.option("--r-comm", type=FiniteRange(0, 1e6), help="Another range of the radio, in cells.")
 @click.option("--allocator", help="Another allocator.")
 @AS_JSON
 def whatif(

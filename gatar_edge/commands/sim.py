@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
+from gatar_edge.commands._options import FiniteRange
 from gatar_edge.commands._sim import fleet_config, open_fleet, progress
 from gatar_edge.errors import ConfigError
 
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
     from gatar_edge.sim_sitl.tally import Result
 
 STACKS = ("ardupilot", "px4", "mixed")
+LIVE = ("listen", "speed_factor", "daemons", "base_port")  # options of --realtime
 
 
 @click.command("sim")
@@ -23,12 +26,12 @@ STACKS = ("ardupilot", "px4", "mixed")
 @click.option("--targets", type=click.IntRange(1, 10_000), help="Number of targets.  [default: 20 to 30, by the seed]")
 @click.option("--size", type=click.IntRange(5, 256), default=15, show_default=True, help="Cells a side of the world.")
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="World, radio and autopilots.")
-@click.option("--r-sense", type=click.FloatRange(1, 64), default=4.0, show_default=True, help="Sight, in cells.")
-@click.option("--r-comm", type=click.FloatRange(0, 1e6), default=6.0, show_default=True, help="Radio range, in cells.")
+@click.option("--r-sense", type=FiniteRange(1, 64), default=4.0, show_default=True, help="Sight, in cells.")
+@click.option("--r-comm", type=FiniteRange(0, 1e6), default=6.0, show_default=True, help="Radio range, in cells.")
 @click.option("--allocator", default="gatar", show_default=True, help="gatar, gatar:FILE.onnx, nearest, greedy, ...")
 @click.option("--stack", type=click.Choice(STACKS), default="ardupilot", show_default=True, help="Autopilot family.")
-@click.option("--loss", type=click.FloatRange(0, 0.95), default=0.0, help="Share of lost messages between robots.")
-@click.option("--telemetry-loss", type=click.FloatRange(0, 0.9), default=0.0, help="The same, robot to autopilot.")
+@click.option("--loss", type=FiniteRange(0, 0.95), default=0.0, help="Share of lost messages between robots.")
+@click.option("--telemetry-loss", type=FiniteRange(0, 0.9), default=0.0, help="The same, robot to autopilot.")
 @click.option("--faults", "faults_file", type=click.Path(path_type=Path, dir_okay=False), help="TOML: what goes wrong.")
 @click.option("--max-steps", type=click.IntRange(1, 100_000), default=500, show_default=True, help="Give up after.")
 @click.option(
@@ -39,9 +42,7 @@ STACKS = ("ardupilot", "px4", "mixed")
 )
 @click.option("--realtime", is_flag=True, help="By the wall clock, with the vehicles on UDP for real clients.")
 @click.option("--listen", default="udp:127.0.0.1:14550", show_default=True, help="With --realtime: the vehicles.")
-@click.option(
-    "--speed-factor", type=click.FloatRange(0.1, 100), default=1.0, show_default=True, help="With --realtime."
-)
+@click.option("--speed-factor", type=FiniteRange(0.1, 100), default=1.0, show_default=True, help="With --realtime.")
 @click.option(
     "--daemons",
     type=click.Path(path_type=Path, file_okay=False),
@@ -55,7 +56,8 @@ STACKS = ("ardupilot", "px4", "mixed")
     help="With --daemons: they use this UDP port and the 200 above it.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the result for machines.")
-def command(as_json: bool, log_path: Path | None, out: Path | None, **options: Any) -> None:
+@click.pass_context
+def command(context: click.Context, /, as_json: bool, log_path: Path | None, out: Path | None, **options: Any) -> None:
     """Fly a mission: every robot with its own mind, radio, bridge and simulated autopilot.
 
     Virtual time runs as fast as the machine can; the same seed gives the same decisions (see the digest).
@@ -71,18 +73,21 @@ def command(as_json: bool, log_path: Path | None, out: Path | None, **options: A
     """
     if out is not None and log_path is not None:
         raise ConfigError("--log and --out exclude each other: --out already writes mission.mcap into its folder")
+    live = {name: options.pop(name) for name in LIVE}
+    realtime = options.pop("realtime")
+    for name in LIVE:
+        if not realtime and context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            raise ConfigError(f"--{name.replace('_', '-')} needs --realtime: it means nothing in virtual time")
+    if live["daemons"] is not None and (log_path or out):
+        raise ConfigError(f"--daemons excludes --log and --out: each daemon writes its log into {live['daemons']}/logs")
     if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        log_path = out / "mission.mcap"
-    live = {key: options.pop(key) for key in ("realtime", "listen", "speed_factor", "daemons", "base_port")}
+        log_path = _made(out) / "mission.mcap"
     allocator = options.pop("allocator")
     config = fleet_config(**options)
-    if live.pop("realtime"):
+    if realtime:
         from gatar_edge.commands.sim_realtime import fly_live
 
         result = fly_live(config, allocator, log_path, quiet=as_json, **live)
-    elif live["daemons"] is not None:
-        raise ConfigError("--daemons needs --realtime: daemons run by the wall clock")
     else:
         result = fly(config, allocator, log_path, quiet=as_json)
     report = _write_report(log_path) if out is not None and log_path is not None else None
@@ -92,6 +97,8 @@ def command(as_json: bool, log_path: Path | None, out: Path | None, **options: A
     print_table(result)
     if log_path is not None:
         click.echo(f"\nlog     {log_path}")
+    if (folder := live["daemons"]) is not None:
+        click.echo(f"\nNext: end the daemons, then\n  gatar log merge {folder}/logs/*.mcap -o {folder}/merged.mcap")
     if report is not None:
         click.echo(f"report  {report}\n\nNext: open the report in a browser, or run\n  gatar log info {log_path}")
 
@@ -132,6 +139,14 @@ def print_table(result: Result) -> None:
     width = max(len(name) for name, _ in rows)
     for name, value in rows:
         click.echo(f"{name:<{width}}  {value}")
+
+
+def _made(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"{folder} cannot be made: {error.strerror}") from error
+    return folder
 
 
 def _write_report(log_path: Path) -> Path:

@@ -38,11 +38,12 @@ def fly_live(
     from gatar_edge.sim_sitl.realtime import UdpSocket
 
     with contextlib.closing(UdpSocket(listen)) as vehicles:
-        if not quiet:
-            count = len(config.world.team.kinds)
-            click.echo(f"{count} vehicles, system ids 1 to {count}, at {listen}", err=True)
+        count = len(config.world.team.kinds)
+        served = f"{count} vehicles, system ids 1 to {count}, at {listen}"
         if daemons is not None:
-            return _with_daemons(config, allocator, vehicles, daemons, base_port, speed_factor, quiet)
+            return _with_daemons(config, allocator, vehicles, daemons, base_port, speed_factor, quiet, served)
+        if not quiet:
+            click.echo(served, err=True)
         return _with_minds(config, allocator, log_path, vehicles, speed_factor, quiet)
 
 
@@ -66,20 +67,24 @@ def _with_daemons(
     base_port: int,
     speed_factor: float,
     quiet: bool,
+    served: str,
 ) -> Result:
     """The vehicles here, the minds in processes of their own."""
     from gatar_edge.sim_sitl.realtime import UdpSocket
     from gatar_edge.sim_sitl.yard import Sockets, Yard
 
-    paths = write_configurations(config, allocator, vehicles.port, folder, base_port)
-    if not quiet:
-        click.echo("Now start the minds, each in a shell of its own or in the background:", err=True)
-        for path in paths:
-            click.echo(f"  gatar vehicle --config {path}", err=True)
-        click.echo("and, to see the team:", err=True)
-        click.echo(f"  gatar fleet --key {folder / 'team.key'} --listen {HOST}:{base_port + LISTENER_OFFSET}", err=True)
     ids = config.world.team.ids
     with contextlib.closing(UdpSocket(f"{HOST}:{base_port}")) as radio:
+        paths = write_configurations(config, allocator, vehicles.port, folder, base_port)
+        if not quiet:
+            click.echo(served, err=True)
+            click.echo("Now start the minds, each in a shell of its own or in the background:", err=True)
+            for path in paths:
+                click.echo(f"  gatar vehicle --config {path}", err=True)
+            listener = f"{HOST}:{base_port + LISTENER_OFFSET}"
+            click.echo(
+                f"and, to see the team:\n  gatar fleet --key {folder / 'team.key'} --listen {listener}", err=True
+            )
         eyes = {robot_id: (HOST, base_port + EYES_OFFSET + robot_id) for robot_id in ids}
         ears = {robot_id: (HOST, base_port + robot_id) for robot_id in ids}
         yard = Yard(config, Sockets(vehicles, radio, eyes, ears, (HOST, base_port + LISTENER_OFFSET)))
@@ -103,16 +108,20 @@ def _run(fleet: Fleet | Yard, speed_factor: float, quiet: bool) -> None:
 def write_configurations(
     config: FleetConfig, allocator: str, vehicles_port: int, folder: Path, base_port: int
 ) -> list[Path]:
-    """One vehicle.toml a robot, and the team's key: all that the daemons of this mission need."""
+    """One vehicle.toml a robot, and the team's key: all that the daemons of this mission need.
+
+    What daemons of an earlier mission knew is removed: it is of another world. Raises GatarError.
+    """
     from gatar_edge.commands.init import configuration, make_key
+    from gatar_edge.preflight import make_allocator
+    from gatar_edge.vehicle_config import parse_config
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise LinkError(f"{folder} cannot be made: {error.strerror}") from error
-    make_key(folder / "team.key")
     grid = config.agent.grid
-    paths = []
+    texts = {}
     for robot_id, kind in zip(config.world.team.ids, config.world.team.kinds, strict=True):
         options = {
             "robot_id": robot_id,
@@ -132,6 +141,11 @@ def write_configurations(
         }
         path = folder / f"robot{robot_id}.toml"
         corner, sides = (grid.origin_lat_deg, grid.origin_lon_deg), (grid.width, grid.height)
-        path.write_text(configuration(path.name, corner, sides, "team.key", options))
-        paths.append(path)
-    return paths
+        texts[path] = configuration(path.name, corner, sides, "team.key", options)
+    make_allocator(parse_config(next(iter(texts.values()))))  # what the daemons would refuse is refused here
+    make_key(folder / "team.key")
+    for robot_id in config.world.team.ids:
+        (folder / f"state-{robot_id}.bin").unlink(missing_ok=True)
+    for path, text in texts.items():
+        path.write_text(text, encoding="utf-8")
+    return list(texts)

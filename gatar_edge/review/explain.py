@@ -19,7 +19,7 @@ _REASONS = {
     "abandoned": "It has nothing else to do, and nobody that it hears is on the way to this target.",
     "frontier": "No open target is left for it, so it goes to see the nearest unknown cell that nobody else covers.",
     "nothing_left": "No target and nothing reachable to look at is left, so it stays where it is.",
-    "no_vehicle": "Its vehicle cannot be commanded: link or position lost, or the pilot has taken over.",
+    "no_vehicle": "Its vehicle cannot be commanded: not started, link or position lost, or the pilot has taken over.",
     "no_perception": "Its own perception is missing or too old, so it stays where it is.",
 }
 
@@ -74,9 +74,9 @@ def headline(decision: Json) -> str:
     assignment = decision["assignment"]
     match TaskKind(assignment["kind"]):
         case TaskKind.TARGET:
-            does = f"goes for the target at {cell_text(assignment['cell'])}, {_way(assignment)}"
+            does = f"goes for the target at {cell_text(assignment['cell'])}, {_way(decision)}"
         case TaskKind.EXPLORE:
-            does = f"explores towards {cell_text(assignment['cell'])}, {_way(assignment)}"
+            does = f"explores towards {cell_text(assignment['cell'])}, {_way(decision)}"
         case TaskKind.HOLD:
             does = "holds"
     return f"{_name(decision)} at {cell_text(decision['cell'])} {does}."
@@ -252,7 +252,9 @@ def _command(command: Json) -> str:
         case "goto":
             return f"go to {cell_text(command['cell'])}"
         case "mission":
-            return f"drive {_count(max(0, len(command['cells']) - 1), 'cell')} to {cell_text(command['cells'][-1])}"
+            corners = len(command["cells"]) - 1
+            way = f", round {_count(corners, 'corner')}" if corners else ""
+            return f"drive to {cell_text(command['cells'][-1])}{way}"
         case _:
             return f"hold ({command.get('reason', '')})"
 
@@ -261,8 +263,11 @@ def _score(candidate: Json) -> str:
     return "none" if candidate["score"] is None else f"{candidate['score']:.3g}"
 
 
-def _way(assignment: Json) -> str:
-    return f"{_count(max(0, len(assignment['path']) - 1), 'cell')} away"
+def _way(decision: Json) -> str:
+    """From where it is: a path that stays good begins where the task was taken."""
+    path, here = decision["assignment"]["path"], decision["cell"]
+    gone = path.index(here) if here in path else 0
+    return f"{_count(max(0, len(path) - 1 - gone), 'cell')} away"
 
 
 def _name(decision: Json) -> str:

@@ -10,10 +10,8 @@ move.
 from __future__ import annotations
 
 import heapq
-import os
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,6 +27,7 @@ from gatar_edge.review.container import parse, unpack_chunk
 from gatar_edge.review.info import RadioBrief, RadioBriefs
 from gatar_edge.review.reader import LogReader, decoder
 from gatar_edge.review.recover import MESSAGE, split_records
+from gatar_edge.review.whole import written_whole
 
 NS_PER_MS = 1_000_000
 MAX_FILES = 64
@@ -65,24 +64,19 @@ def merge(sources: Sequence[Path], output: Path) -> Merged:
     """Merge `sources` into `output`, which appears only when it is complete. Raises LogError."""
     if not 2 <= len(sources) <= MAX_FILES:
         raise LogError(f"merging takes 2 to {MAX_FILES} logs, got {len(sources)}")
-    if output.exists() and any(output.samefile(source) for source in sources if source.exists()):
-        raise LogError(f"{output} is one of the logs to merge: give another name with -o")
+    if len({path.resolve() for path in sources}) < len(sources):
+        raise LogError("a log is given twice: each of its records would be there twice")
     logs = [LogReader(path) for path in sources]
     offsets, unplaced = clock_offsets(logs)
-    part = output.with_name(output.name + ".part")
-    try:
-        with ExitStack() as stack:
-            stream = stack.enter_context(part.open("wb"))
-            writer: Any = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
-            writer.start(logs[0].header.profile, logs[0].header.library)
-            _copy_attached(logs, offsets, writer)
-            count = _copy_messages(logs, offsets, writer)
-            writer.finish()
-        os.replace(part, output)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise LogError(f"{output} cannot be written: {error.strerror}") from error
+    with written_whole(output, sources) as stream:
+        writer: Any = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        writer.start(logs[0].header.profile, logs[0].header.library)
+        _copy_attached(logs, offsets, writer)
+        count = _copy_messages(logs, offsets, writer)
+        writer.finish()
     names = [path.name for path in sources]
+    if len(set(names)) < len(names):
+        names = list(map(str, sources))
     return Merged(count, dict(zip(names, offsets, strict=True)), tuple(names[index] for index in unplaced))
 
 

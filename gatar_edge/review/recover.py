@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -17,6 +16,7 @@ from gatar_edge.errors import LogError
 from gatar_edge.record import CHUNK_BYTES, FLUSH_NS
 from gatar_edge.review.container import RECORD, chunk_span, parse, unpack_chunk
 from gatar_edge.review.reader import LogReader
+from gatar_edge.review.whole import written_whole
 from gatar_edge.types import NS_PER_S
 
 MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
@@ -101,22 +101,12 @@ def recover(source: Path, output: Path) -> Recovered:
 
     Refuses only a file that is not ours, and to write over the damaged one.
     """
-    if output.exists() and output.samefile(source):
-        raise LogError(f"{output} is the damaged log itself: give another name with -o")
     log = LogReader(source, salvage=True)
-    part = output.with_name(output.name + ".part")
-    try:
-        with part.open("wb") as stream:
-            writer: Any = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
-            writer.start(log.header.profile, log.header.library)
-            result = _copy(log, _Copier(writer))
-            writer.finish()
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(part, output)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise LogError(f"{output} cannot be written: {error.strerror}") from error
+    with written_whole(output, [source]) as stream:
+        writer: Any = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        writer.start(log.header.profile, log.header.library)
+        result = _copy(log, _Copier(writer))
+        writer.finish()
     return result
 
 

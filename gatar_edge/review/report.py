@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import gzip
 import html
-import os
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
@@ -13,9 +12,9 @@ from typing import Any
 
 import msgspec
 
-from gatar_edge.errors import LogError
 from gatar_edge.review.reader import LogReader
 from gatar_edge.review.story import read_story
+from gatar_edge.review.whole import written_whole
 
 MODULES = ("run", "map", "lanes", "charts", "panel", "app")
 
@@ -25,15 +24,10 @@ def write_report(log: Path, output: Path, compare: Path | None = None) -> Path:
 
     An existing page is replaced only when the new one is complete.
     """
-    stories = [read_story(LogReader(path)) for path in (log, compare) if path is not None]
-    page = render(stories)
-    part = output.with_name(output.name + ".part")
-    try:
-        part.write_text(page, encoding="utf-8")
-        os.replace(part, output)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise LogError(f"report {output} cannot be written: {error.strerror}") from error
+    sources = [path for path in (log, compare) if path is not None]
+    page = render([read_story(LogReader(path)) for path in sources])
+    with written_whole(output, sources) as stream:
+        stream.write(page.encode())
     return output
 
 

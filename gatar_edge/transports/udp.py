@@ -34,7 +34,7 @@ class UdpTransport:
         self._targets = [parse_address(peer, "peer", lowest_port=1) for peer in peers]
         group_address = None
         if group is not None:
-            group_address = _parse_group(group, own, listen)
+            group_address = parse_group(group, own, listen)
             self._targets.append(group_address)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
@@ -108,7 +108,8 @@ def parse_address(text: str, what: str, lowest_port: int = 0) -> Address:
         raise LinkError(f"{what} {text!r}: host {host!r} is unknown here; give its IPv4 address") from error
 
 
-def _parse_group(group: str, own: Address, listen: str) -> Address:
+def parse_group(group: str, own: Address, listen: str) -> Address:
+    """A multicast group, on the port of the own address `listen`. Raises LinkError."""
     address = parse_address(group, "multicast group", lowest_port=1)
     if not ipaddress.IPv4Address(address[0]).is_multicast:
         raise LinkError(f"multicast group {group!r} is not in 224.0.0.0..239.255.255.255: use 239.255.71.1")

@@ -187,3 +187,19 @@ def test_cells_that_are_none_are_refused(tmp_path: Path, text: str) -> None:
     error = run("bridge", "verify", "--vehicle", "udpin:127.0.0.1:1", "--cells", str(path)).exception
     assert isinstance(error, GatarError)
     assert "cells" in str(error)
+
+
+def test_a_cell_outside_of_the_grid_is_refused_before_anybody_is_asked(tmp_path: Path) -> None:
+    config = config_of(tmp_path, "UGV", 2, "udpin:127.0.0.1:1")
+    cells = tmp_path / "cells.json"
+    cells.write_text("[[3, 4], [3, 99999999999999999999]]")
+    error = run("bridge", "verify", "--config", str(config), "--cells", str(cells)).exception
+    assert isinstance(error, GatarError)
+    assert "outside of the grid of 15 x 15 cells" in str(error)
+
+
+def test_a_system_that_is_not_there_is_told_apart_from_one_that_does_not_answer(serve: Serve) -> None:
+    port = serve("ardupilot-rover")
+    result = run("bridge", "download", "--vehicle", port.url, "--sysid", "9", "--timeout-s", "5")
+    assert result.exit_code == 1
+    assert "system 9 is not heard, but 2" in result.output

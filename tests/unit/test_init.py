@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from gatar_edge.commands.init import command
-from gatar_edge.errors import ConfigError
+from gatar_edge.errors import ConfigError, GatarError
 from gatar_edge.keys import read_key
 from gatar_edge.vehicle_config import VehicleConfig, read_config
 
@@ -68,14 +68,25 @@ def test_an_existing_configuration_and_key_are_kept(tmp_path: Path) -> None:
         (("--size", "0x5"), "$.grid.width"),
         (("--origin", "95,0"), "$.grid.origin_lat_deg"),
         (("--speed-m-s", "nan"), "$.robot.speed_m_s"),
+        (("--url", "nonsense"), "use udpin:"),
+        (("--listen", "nonsense"), "net.listen 'nonsense'"),
+        (("--group", "10.0.0.1:14600"), "is not in 224.0.0.0"),
+        (("--perception", "0.0.0.0:14700"), "perception.listen"),
+        (("--http", "nonsense"), "watch.http 'nonsense'"),
+        (("--altitude-m", "300"), "altitude_band_m"),
         (("--key-file", "absent/team.key"), "absent/team.key cannot be made"),
     ],
 )
 def test_a_wrong_value_is_one_line_and_writes_nothing(tmp_path: Path, arguments: tuple[str, str], words: str) -> None:
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(GatarError) as caught:
         init(tmp_path, *GIVEN, *arguments)
     assert words in str(caught.value)
     assert not (tmp_path / "vehicle.toml").exists()
+
+
+def test_names_may_be_of_any_language(tmp_path: Path) -> None:
+    init(tmp_path, *GIVEN, "--key-file", "ключ-\U0001f511.key")
+    assert Path(read_config(tmp_path / "vehicle.toml").net.key_file).is_file()
 
 
 def test_the_example_is_what_init_writes(tmp_path: Path) -> None:

@@ -116,6 +116,14 @@ def edit(old: str, new: str) -> Callable[[Path], None]:
         (edit("altitude_m = 20.0", "altitude_m = 150.0"), "altitude_band_m"),
         (edit("# bytes_per_s = 32768", "bytes_per_s = 1000 #"), "$.net.bytes_per_s"),
         (edit('folder = "logs"', 'folder = "/proc/logs"'), "log.folder"),
+        (edit('file = "state-3.bin"', 'file = "."'), "is a folder: give the name of a file in it"),
+        (edit('key_file = "team.key"', r'key_file = "a\u0000b"'), "$.net.key_file"),
+        (edit('allocator = "greedy"', 'allocator = "central-greedy"'), "for simulations only"),
+        (edit('peers = ["127.0.0.1:14602"]', 'group = "10.0.0.1:14600"'), "is not in 224.0.0.0"),
+        (edit('peers = ["127.0.0.1:14602"]', 'group = "239.255.71.1:14601"'), "differ in port"),
+        (edit("127.0.0.1:14700", "unix:/absent/eyes.sock"), "no place for a socket"),
+        (edit("127.0.0.1:14700", "unix:"), "no place for a socket"),
+        (edit("127.0.0.1:14700", "unix:/tmp/" + 120 * "x"), "at most 107 bytes"),
     ],
 )
 def test_each_mistake_is_one_line(tmp_path: Path, break_it: Callable[[Path], None], words: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -133,6 +134,29 @@ def test_a_target_kept_is_one_chosen_again_where_the_allocator_is_steady(choice:
     assert "not reconsidered" not in text
 
 
+def test_the_way_left_is_told_and_the_corners_of_a_mission() -> None:
+    path = ((2, 4), (3, 4), (4, 4), (4, 5), (5, 5), (5, 6))
+    decision = Decision(
+        1,
+        9,
+        0,
+        (4, 4),
+        Assignment(TaskKind.TARGET, (5, 6), Reason.KEPT, path),
+        "gatar",
+        "",
+        False,
+        (ROBOT,),
+        (0,),
+        (),
+        (),
+    )
+    wanted = {"type": "mission", "cells": [[4, 4], [4, 5], [5, 5], [5, 6]]}
+    record = {"wanted": wanted, "sent": wanted}
+    lines = words(explain(json_object(msgspec.json.encode(decision)), None, record))
+    assert lines[0].endswith("goes for the target at (5, 6), 3 cells away.")
+    assert "The vehicle was told: drive to (5, 6), round 3 corners." in lines
+
+
 def test_a_place_to_look_is_told_as_the_allocators_or_as_the_rules() -> None:
     going = Assignment(TaskKind.EXPLORE, (9, 9), Reason.FRONTIER, ((4, 4), (9, 9)))
     by_model, by_rule = ("\n".join(decided_on(going, -1, frontier=cell)) for cell in ((9, 9), None))
@@ -227,9 +251,52 @@ def test_without_a_simulator_the_log_counts_the_targets_that_robots_knew(tmp_pat
 
 def test_merging_takes_two_logs_and_spares_its_sources(tmp_path: Path) -> None:
     one, two = record_pair(tmp_path, 0, MS)
-    for sources, output in (([one], tmp_path / "x.mcap"), ([one, two], one)):
+    for sources, output in (([one], tmp_path / "x.mcap"), ([one, two], one), ([one, one], tmp_path / "x.mcap")):
         with pytest.raises(LogError):
             merge(sources, output)
+
+
+def test_merged_logs_of_the_same_name_are_told_apart(tmp_path: Path) -> None:
+    one, two = record_pair(tmp_path, 0, MS)
+    (tmp_path / "other").mkdir()
+    two = two.rename(tmp_path / "other" / one.name)
+    assert list(merge([one, two], tmp_path / "x.mcap").offsets_ns) == [str(one), str(two)]
+
+
+@pytest.mark.parametrize("arguments", [["report"], ["recover"], ["report", "--compare", "COPY"]])
+def test_nothing_is_written_over_a_log_that_is_read(mission: Path, tmp_path: Path, arguments: list[str]) -> None:
+    log, copy = tmp_path / "mission.mcap", tmp_path / "copy.mcap"
+    for path in (log, copy):
+        path.write_bytes(mission.read_bytes())
+    given = [str(copy) if argument == "COPY" else argument for argument in arguments]
+    result = run(given[0], log, *given[1:], "-o", copy if copy.as_posix() in given else log)
+    assert isinstance(result.exception, LogError)
+    assert log.read_bytes() == copy.read_bytes() == mission.read_bytes()
+    assert sorted(tmp_path.iterdir()) == [copy, log]
+
+
+@pytest.mark.parametrize("output", ["text/x", "absent/x", "fifo"])
+@pytest.mark.parametrize("name", ["report", "recover"])
+def test_what_cannot_be_written_is_one_line_and_leaves_nothing(
+    mission: Path, tmp_path: Path, name: str, output: str
+) -> None:
+    (tmp_path / "text").write_text("a file where a folder should be")
+    os.mkfifo(tmp_path / "fifo")
+    result = run(name, mission, "-o", tmp_path / output)
+    assert isinstance(result.exception, LogError)
+    assert f"{output} cannot be written" in str(result.exception)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["fifo", "text"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["explain", "--robot", "1", "--t", "X"], ["whatif", "--from", "X"], ["whatif", "--r-comm", "X"]],
+)
+@pytest.mark.parametrize("number", ["nan", "inf", "1e300"])
+def test_a_moment_or_a_range_that_is_no_number_is_wrong_usage(mission: Path, arguments: list[str], number: str) -> None:
+    result = run(arguments[0], mission, *[number if argument == "X" else argument for argument in arguments[1:]])
+    assert result.exit_code == 2
+    assert "Invalid value" in result.output
 
 
 def test_tables_hold_every_decision_and_message(mission: Path, tmp_path: Path) -> None:

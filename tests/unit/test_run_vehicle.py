@@ -65,6 +65,7 @@ def test_an_occupied_address_is_one_line_and_leaves_nothing_open(
         with pytest.raises(LinkError, match=str(ports[place])) as caught, started(tmp_path, ports):
             pass
     assert "\n" not in str(caught.value)
+    assert not list(tmp_path.glob("logs/*"))  # a log would tell of a robot that was started anew
     with started(tmp_path, ports):  # what had been opened before was closed again
         pass
 
