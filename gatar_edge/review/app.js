@@ -3,7 +3,7 @@
 import { CHARTS, Chart } from "gatar/charts";
 import { Lanes, scrubMarks } from "gatar/lanes";
 import { MapView } from "gatar/map";
-import { Decisions, LEGEND, badges, details, drawRobots, esc, headline, perRobot, put, rivalHeadline, robotRows, tiles, why } from "gatar/panel";
+import { Decisions, LEGEND, REMEMBERED, badges, details, drawRobots, esc, headline, perRobot, put, rivalHeadline, robotRows, tiles, why } from "gatar/panel";
 import { KIND, Run, lastAt, unpack } from "gatar/run";
 
 const $ = (id) => document.getElementById(id);
@@ -35,7 +35,8 @@ function build() {
   setTheme(load("theme") ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
   document.body.dataset.runs = runs.length;
   texts();
-  $("maps").innerHTML = runs.map((r, i) => `<figure class="map"><div class="frame"></div><figcaption><strong>${runs.length > 1 ? `${"AB"[i]}: ${esc(headline(r).title)}` : ""}</strong>${i ? "" : LEGEND.map(([name, svg]) => `<span class="key">${svg}${name}</span>`).join("")}</figcaption></figure>`).join("");
+  const legend = runs.some((r) => r.robots.some((robot) => robot.absent.length)) ? [...LEGEND, REMEMBERED] : LEGEND;
+  $("maps").innerHTML = runs.map((r, i) => `<figure class="map"><div class="frame"></div><figcaption><strong>${runs.length > 1 ? `${"AB"[i]}: ${esc(headline(r).title)}` : ""}</strong>${i ? "" : legend.map(([name, svg]) => `<span class="key">${svg}${name}</span>`).join("")}</figcaption></figure>`).join("");
   const options = { resized, still: () => calm.matches, time: () => state.t, pick: (id) => follow(id ?? 0) };
   maps = [...document.querySelectorAll(".map .frame")].map((frame, i) => new MapView(runs[i], frame, options));
   robotRows(run, $("robots"), (id) => follow(state.follow === id ? 0 : id));

@@ -35,6 +35,7 @@ def absent_of(decision: Json) -> list[Json]:
 def _robot(robot: Json) -> Json:
     return {
         "robot_id": robot["robot_id"],
+        "kind": robot["kind"],
         "name": f"{RobotKind(robot['kind']).name} {robot['robot_id']}",
         "cell": robot["cell"],
         "age_s": robot["age_ns"] / NS_PER_S,

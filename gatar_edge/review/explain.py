@@ -97,6 +97,8 @@ def why(decision: Json, previous: Json | None, candidates: list[Json]) -> list[s
     if chosen is not None:
         lines.append(_rank(chosen, candidates))
     nearest = next((c for c in candidates if c["length"] >= 0), None)
+    if chosen is not None and nearest is not None and nearest["length"] == chosen["length"]:
+        return lines
     if nearest is not None and nearest is not chosen and TaskKind(assignment["kind"]) is not TaskKind.HOLD:
         lines.append(_why_not(nearest, decision))
     return lines

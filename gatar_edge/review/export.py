@@ -10,6 +10,7 @@ from typing import Any
 
 from gatar_edge import channels as ch
 from gatar_edge.errors import LogError
+from gatar_edge.review.company import absent_of
 from gatar_edge.review.reader import Entry, LogReader, json_object
 from gatar_edge.types import NS_PER_S, RobotKind, TaskKind
 
@@ -68,9 +69,19 @@ def _decisions(entry: Entry, record: dict[str, Any]) -> Iterator[Row]:
     way = max(0, len(a["path"]) - 1)
     yield (
         _seconds(entry), d["robot_id"], d["tick"], *d["cell"], TaskKind(a["kind"]).name, *a["cell"], a["reason"], way,
-        *xy, d["allocator"], d["fallback"], int(d["retask"]), max(0, len(d["robots"]) - 1), len(d["candidates"]),
+        *xy, d["allocator"], d["fallback"], int(d["retask"]), max(0, len(d["robots"]) - 1),
+        len(d.get("absent", ())), len(d["candidates"]),
         d["latency_ns"] / 1e6, record["wanted"]["type"], record["sent"]["type"],
     )  # fmt: skip
+
+
+def _remembered(entry: Entry, record: dict[str, Any]) -> Iterator[Row]:
+    d = record["decision"]
+    for robot in absent_of(d):
+        yield (
+            _seconds(entry), d["robot_id"], d["tick"], robot["robot_id"], RobotKind(robot["kind"]).name, *robot["cell"],
+            robot["age_s"], TaskKind(robot["task"]).name, *robot["task_cell"], *(robot["given"] or ("", "")),
+        )  # fmt: skip
 
 
 def _radio(entry: Entry, record: dict[str, Any]) -> Iterator[Row]:
@@ -112,10 +123,14 @@ _VEHICLE = (
 )  # fmt: skip
 _DECISION = (
     "t_s", "robot", "tick", "x", "y", "task", "task_x", "task_y", "reason", "way_cells", "out_x", "out_y", "allocator",
-    "fallback", "retask", "robots_heard", "targets_known", "latency_ms", "wanted", "sent",
+    "fallback", "retask", "robots_heard", "robots_remembered", "targets_known", "latency_ms", "wanted", "sent",
+)  # fmt: skip
+_REMEMBERED = (
+    "t_s", "robot", "tick", "other", "kind", "x", "y", "silent_s", "task", "task_x", "task_y", "kept_x", "kept_y",
 )  # fmt: skip
 TABLES: dict[str, tuple[ch.Channel, tuple[str, ...], Callable[[Entry, dict[str, Any]], Iterator[Row]]]] = {
     "decisions": (ch.DECISION, _DECISION, _decisions),
+    "remembered": (ch.DECISION, _REMEMBERED, _remembered),
     "radio": (ch.RADIO, ("t_s", "robot", "way", "outcome", "author", "seq", "hops", "sent_ms", "bytes"), _radio),
     "vehicles": (ch.VEHICLE, ("t_s", "robot", *_VEHICLE), _vehicles),
     "positions": (ch.TRUTH_ROBOTS, ("t_s", "robot", "x", "y"), _positions),

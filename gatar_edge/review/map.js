@@ -71,7 +71,9 @@ export class MapView {
     this.visits(t, state);
     for (const robot of this.run.robots) if (robot.id !== state.follow) this.robot(robot, t, state);
     const followed = this.run.byId.get(state.follow);
-    if (followed) this.robot(followed, t, state);
+    if (!followed) return;
+    for (const robot of this.run.absent(followed, t)) this.remembered(robot);
+    this.robot(followed, t, state);
   }
 
   cells(t, state) {
@@ -225,6 +227,15 @@ export class MapView {
     const back = robot.kind === 0 ? r * 0.16 : 0;
     ctx.fillText(robot.id, x - Math.sin(place.heading) * back, y + Math.cos(place.heading) * back + 0.5);
     ctx.globalAlpha = 1;
+  }
+
+  // Where the followed robot expects one that it does not hear: hollow, for it may be elsewhere.
+  remembered([id, kind, cellX, cellY]) {
+    const { ctx } = this, x = this.px(cellX), y = this.py(cellY), r = Math.max(7, Math.min(19, this.cell * 0.37));
+    ctx.strokeStyle = ctx.fillStyle = this.color[KIND[kind]]; ctx.lineWidth = 1.8; ctx.setLineDash([3, 2.5]);
+    ctx.save(); ctx.translate(x, y); shape(ctx, kind, r); ctx.stroke(); ctx.restore(); ctx.setLineDash([]);
+    ctx.textAlign = "center"; ctx.textBaseline = "middle"; ctx.font = `700 ${Math.round(r * 0.78)}px system-ui, sans-serif`;
+    ctx.fillText(id, x, y + (kind === 0 ? r * 0.16 : 0));
   }
 
   pick(event) {

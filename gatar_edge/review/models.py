@@ -7,7 +7,7 @@ from pathlib import Path
 
 from gatar_edge.allocators.base import Allocator
 from gatar_edge.allocators.registry import make
-from gatar_edge.errors import LogError
+from gatar_edge.errors import ConfigError, LogError
 from gatar_edge.review.company import Json
 from gatar_edge.runinfo import LEARNED, model_file, sha256_of
 
@@ -17,6 +17,8 @@ def allocator_for(info: Json, other: str | None, model: Path | None) -> tuple[Ca
 
     Raises LogError where the model that flew is not at hand, ModelError or ConfigError where the other is of no use.
     """
+    if model is not None and other not in (None, LEARNED):
+        raise ConfigError(f"a model is for the allocator {LEARNED}, not {other}: leave one of them out")
     flown, digest = str(info.get("allocator", "")), str(info.get("model_sha256", ""))
     if other is None and model is None:
         _check_model(flown, str(info.get("model", "")), digest)

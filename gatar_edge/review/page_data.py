@@ -24,6 +24,7 @@ class RobotStory:
     tasks: list[list[Any]] = field(default_factory=list)  # [t, kind, x, y, event]
     paths: list[list[int]] = field(default_factory=list)  # [t, x0, y0, x1, y1, ...] corners only
     links: list[list[int]] = field(default_factory=list)  # [t, id, ...] robots heard directly
+    absent: list[list[int]] = field(default_factory=list)  # [t, id, kind, x, y, ...] robots out of range, reckoned with
     belief: list[list[int]] = field(default_factory=list)  # [t, cell * 8 + state, ...] of cells that changed
     known: ByteGrid | None = None
     previous: Json | None = None
@@ -90,6 +91,7 @@ def _robot(number: int, kind: int, robot: RobotStory) -> Json:
         "tasks": robot.tasks,
         "paths": robot.paths,
         "links": robot.links,
+        "absent": robot.absent,
         "belief": robot.belief,
         "vehicle": robot.vehicle,
     }

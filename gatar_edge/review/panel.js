@@ -20,6 +20,8 @@ export const LEGEND = [
   ["not seen yet", '<svg viewBox="-8 -8 16 16" aria-hidden="true"><rect x="-7" y="-7" width="14" height="14" rx="3" fill="var(--unknown)"/><path d="M-7 3 3-7M-3 7 7-3" stroke="var(--hatch)" stroke-width="1.4"/></svg>'],
 ];
 
+export const REMEMBERED = ["out of range, where it is expected", '<svg viewBox="-11 -11 22 22" aria-hidden="true"><path fill="none" stroke="var(--uav)" stroke-width="1.8" stroke-dasharray="3 2.5" d="M0-9.6 9 8 0 5.6-9 8Z"/></svg>'];
+
 export function headline(run) {
   const { result: r } = run, count = (kind) => run.robots.filter((robot) => robot.kind === kind).length;
   const end = r.steps_100 ?? null;
@@ -85,7 +87,8 @@ export function why(run, event) {
   const targets = event.targets.length ? `<h3>Open targets it knew${event.known > event.targets.length ? ` (${event.targets.length} of ${event.known})` : ""}</h3><table><thead><tr><th scope="col">Target</th><th scope="col" class="num">Way</th><th scope="col" class="num">Score</th><th scope="col">Joint solution</th><th scope="col">Claimed</th></tr></thead><tbody>${event.targets.map(targetRow).join("")}</tbody></table>` : "";
   const attention = event.heard.some((h) => h[6] !== null);
   const heard = event.heard.length ? `<h3>Robots it had heard</h3><table><thead><tr><th scope="col">Robot</th><th scope="col">Hops</th><th scope="col" class="num">Age</th>${attention ? '<th scope="col" class="num">Attention</th>' : ""}<th scope="col">Its task</th></tr></thead><tbody>${event.heard.map((h) => heardRow(run, h, attention)).join("")}</tbody></table>` : "<h3>It had heard nobody.</h3>";
-  return `<div class="${KIND[robot.kind].toLowerCase()}"><p class="when">${run.label(event.t)} · tick ${event.tick} · ${esc(event.by)} · ${event.ms.toFixed(2)} ms ${tags}</p><p class="head">${esc(event.head)}</p><ul class="reasons">${event.why.map((line) => `<li>${esc(line)}</li>`).join("")}</ul>${targets}${heard}</div>`;
+  const absent = event.absent.length ? `<h3>Out of range, reckoned with</h3><table><thead><tr><th scope="col">Robot</th><th scope="col" class="num">Silent</th><th scope="col">Expected at</th><th scope="col">Its task</th><th scope="col">Kept for it</th></tr></thead><tbody>${event.absent.map(absentRow).join("")}</tbody></table>` : "";
+  return `<div class="${KIND[robot.kind].toLowerCase()}"><p class="when">${run.label(event.t)} · tick ${event.tick} · ${esc(event.by)} · ${event.ms.toFixed(2)} ms ${tags}</p><p class="head">${esc(event.head)}</p><ul class="reasons">${event.why.map((line) => `<li>${esc(line)}</li>`).join("")}</ul>${targets}${heard}${absent}</div>`;
 }
 
 function targetRow([x, y, length, score, given, claimed, chosen]) {
@@ -96,6 +99,10 @@ function targetRow([x, y, length, score, given, claimed, chosen]) {
 function heardRow(run, [id, hops, age, task, x, y, attention], withAttention) {
   const kind = run.byId.get(id)?.kind ?? 0, share = withAttention ? `<td class="num">${attention === null ? "" : `${(100 * attention).toFixed(0)} %`}</td>` : "";
   return `<tr><td>${KIND[kind]} ${id}</td><td>${hops < 0 ? "far" : hops}</td><td class="num">${age.toFixed(1)} s</td>${share}<td>${esc(taskText([0, task, x, y]))}</td></tr>`;
+}
+
+function absentRow([id, kind, silent, x, y, task, taskX, taskY, given]) {
+  return `<tr><td>${KIND[kind]} ${id}</td><td class="num">${silent.toFixed(1)} s</td><td>(${x}, ${y})</td><td>${esc(taskText([0, task, taskX, taskY]))}</td><td>${given ? `(${given[0]}, ${given[1]})` : ""}</td></tr>`;
 }
 
 const PAGE = 200;

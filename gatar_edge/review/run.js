@@ -52,6 +52,12 @@ export class Run {
   path(robot, t) { return robot.paths[lastAt(robot.paths, t)]?.slice(1) ?? []; }
   heard(robot, t) { return robot.links[lastAt(robot.links, t)]?.slice(1) ?? []; }
   vehicle(robot, t) { return robot.vehicle[lastAt(robot.vehicle, t)] ?? null; }
+  // Robots out of range that it reckons with: [id, kind, x, y] where it expects each.
+  absent(robot, t) {
+    const row = robot.absent[lastAt(robot.absent, t)] ?? [], found = [];
+    for (let i = 1; i < row.length; i += 4) found.push(row.slice(i, i + 4));
+    return found;
+  }
   localized(t) { return lastAt(this.visits, t) + 1; }
   distance(kind, t) {
     return this.robots.reduce((sum, r) => sum + (r.kind === kind ? this.place(r, t)?.travel ?? 0 : 0), 0);

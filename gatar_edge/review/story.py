@@ -66,6 +66,9 @@ def _on_decision(story: Story, entry: Entry, t: int) -> None:
     near = [r["robot_id"] for r, hop in zip(decision["robots"], decision["hops"], strict=False) if hop == 1]
     if not robot.links or robot.links[-1][1:] != near:
         robot.links.append([t, *near])
+    absent = [n for r in decision.get("absent", ()) for n in (r["robot_id"], r["kind"], *r["cell"])]
+    if absent != (robot.absent[-1][1:] if robot.absent else []):
+        robot.absent.append([t, *absent])
     if decision["tick"] % story.stride == 0:
         story.latencies.append([t, decision["latency_ns"] / 1e6])
         ages = [r["age_ns"] / 1e9 for r in decision["robots"][1:]]
@@ -108,6 +111,10 @@ def _add_event(story: Story, robot: RobotStory, t: int, record: Json, previous: 
             "heard": [
                 [n["robot_id"], n["hops"], round(n["age_s"], 2), n["task"], *n["task_cell"], rounded(n["attention"])]
                 for n in explanation["neighbors"]
+            ],
+            "absent": [
+                [r["robot_id"], r["kind"], round(r["age_s"], 1), *r["cell"], r["task"], *r["task_cell"], r["given"]]
+                for r in explanation["absent"]
             ],
             "targets": [
                 [*c["cell"], c["length"], rounded(c["score"]), c["given_to"], c["claimed_by"], int(c["chosen"])]

@@ -12,6 +12,7 @@ import pytest
 from missions import record_mission
 
 from gatar_edge.allocators.nearest import Nearest
+from gatar_edge.allocators.routing import RoutingWithMemory
 from gatar_edge.review.report import write_report
 from gatar_edge.review.serve import open_server
 
@@ -193,6 +194,23 @@ def test_a_number_follows_a_robot_and_says_why_it_does_what_it_does(page: Page) 
 def test_the_map_of_a_followed_robot_shows_what_it_alone_knows(page: Page) -> None:
     known = "[...gatar.runs[0].{}].filter((row) => row[0] <= 0).flatMap((row) => row.slice(1)).length"
     assert page.js(known.format("robots[0].belief")) < page.js(known.format("teamBelief"))
+
+
+def test_a_followed_robots_map_and_words_show_whom_it_remembers(browser: Any, tmp_path: Path) -> None:
+    record_mission(tmp_path / "a.mcap", RoutingWithMemory, team="2A1G", size=20)
+    page = Page(browser, write_report(tmp_path / "a.mcap", tmp_path / "a.html"))
+    assert "out of range" in page.text(".map figcaption")
+    index = page.js("gatar.runs[0].events.findIndex((event) => event.absent.length)")
+    page.click(f"#decisions [data-index='{index}']")
+    assert "Out of range, reckoned with" in page.text("#decisions tr.detail")
+    robot = "gatar.runs[0].byId.get(gatar.state.follow)"
+    assert page.js(f"gatar.runs[0].absent({robot}, gatar.state.t).length") > 0
+    shown = page.js("document.querySelector('.map canvas').toDataURL()")
+    page.js(f"{robot}.absent = []")
+    page.js("gatar.seek(gatar.state.t)")
+    page.frames(2)
+    assert page.js("document.querySelector('.map canvas').toDataURL()") != shown
+    assert page.errors() == []
 
 
 def test_a_click_on_a_decision_explains_it(page: Page) -> None:

@@ -19,20 +19,23 @@ from pymavlink.dialects.v20 import common as mavlink
 from gatar_edge import channels as ch
 from gatar_edge.agent import Agent, Identity
 from gatar_edge.allocators.greedy import Greedy
+from gatar_edge.allocators.routing import RoutingWithMemory
 from gatar_edge.commands.log import command
 from gatar_edge.config import AgentConfig
 from gatar_edge.errors import GatarError, LogError
 from gatar_edge.keys import DEMO_KEY
 from gatar_edge.persist import snapshot
+from gatar_edge.policy import DEFAULT_MODEL
 from gatar_edge.record import Recorder
 from gatar_edge.review.difference import comparable, differences
 from gatar_edge.review.explain import explain, words
 from gatar_edge.review.export import export_csv, export_tlog
+from gatar_edge.review.info import read_figures
 from gatar_edge.review.merge import merge
 from gatar_edge.review.moment import explain_at
 from gatar_edge.review.reader import LogReader, json_object
 from gatar_edge.review.replay import Replay
-from gatar_edge.review.story import read_story
+from gatar_edge.review.story import mission_start_ns, read_story
 from gatar_edge.runinfo import describe_run
 from gatar_edge.tasks import to_command
 from gatar_edge.types import (
@@ -132,6 +135,15 @@ def test_a_target_kept_is_one_chosen_again_where_the_allocator_is_steady(choice:
     text = "\n".join(decided_on(Assignment(TaskKind.TARGET, (7, 4), Reason.KEPT, ((4, 4), (7, 4))), choice))
     assert said in text
     assert "not reconsidered" not in text
+
+
+def test_of_two_targets_as_near_the_chosen_one_is_not_called_farther() -> None:
+    task = Assignment(TaskKind.TARGET, (4, 7), Reason.ALLOCATED, ((4, 4), (4, 7)))
+    candidates = (Candidate((1, 4), 3, 0.2), Candidate((4, 7), 3, 0.5))
+    decision = Decision(1, 9, 0, (4, 4), task, "gatar", "", False, (ROBOT,), (0,), candidates, (1,))
+    text = "\n".join(words(explain(json_object(msgspec.json.encode(decision)), None)))
+    assert "No open target that it knows is nearer than this one (3 cells)." in text
+    assert "Not the nearest" not in text
 
 
 def test_the_way_left_is_told_and_the_corners_of_a_mission() -> None:
@@ -308,6 +320,43 @@ def test_tables_hold_every_decision_and_message(mission: Path, tmp_path: Path) -
     assert counts["radio.csv"] > counts["decisions.csv"]
 
 
+@pytest.fixture(scope="module")
+def remembering(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("log") / "remembering.mcap"
+    record_mission(path, RoutingWithMemory, team="2A1G", size=20)
+    return path
+
+
+def absences(path: Path) -> list[tuple[int, int, list[dict[str, Any]]]]:
+    """Time in ms, robot and its robots out of range, of each decision that reckoned with some."""
+    entries = LogReader(path).messages(lambda channel, _: channel is ch.DECISION)
+    told = [(entry.log_ns // MS, entry.robot_id, json_object(entry.data)["decision"]["absent"]) for entry in entries]
+    return [row for row in told if row[2]]
+
+
+def test_tables_tell_the_robots_out_of_range(remembering: Path, tmp_path: Path) -> None:
+    told = absences(remembering)
+    counts = export_csv(LogReader(remembering), tmp_path)
+    with (tmp_path / "decisions.csv").open(newline="") as file:
+        assert sum(row["robots_remembered"] != "0" for row in csv.DictReader(file)) == len(told) > 5
+    with (tmp_path / "remembered.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == counts["remembered.csv"] == sum(len(absent) for _, _, absent in told)
+    first = told[0][2][0]
+    assert [int(rows[0][name]) for name in ("other", "x", "y")] == [first["robot_id"], *first["cell"]]
+    assert float(rows[0]["silent_s"]) > 0
+
+
+def test_the_page_knows_at_each_moment_whom_a_robot_remembers(remembering: Path) -> None:
+    story = read_story(LogReader(remembering))
+    rows = {robot["id"]: robot["absent"] for robot in story["robots"]}
+    start_ms = mission_start_ns(read_figures(LogReader(remembering))) // MS
+    for t_ms, robot_id, absent in absences(remembering):
+        now = [row for row in rows[robot_id] if row[0] <= t_ms - start_ms][-1]
+        assert now[1:] == [n for robot in absent for n in (robot["robot_id"], robot["kind"], *robot["cell"])]
+    assert any(event["absent"] for event in story["events"])
+
+
 def test_telemetry_logs_open_in_pymavlink(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "a.mcap", {"robots": []}, 0)
     link = mavlink.MAVLink(None, 9, 1)
@@ -356,6 +405,12 @@ def test_another_allocator_is_reported_in_words(mission: Path) -> None:
     result = run("replay", mission, "--allocator", "nearest")
     assert result.exit_code == 0
     assert "nearest would have gone elsewhere in" in result.output
+
+
+def test_a_model_for_another_rule_than_the_network_is_refused(mission: Path) -> None:
+    error = run("replay", mission, "--allocator", "greedy", "--model", DEFAULT_MODEL).exception
+    assert isinstance(error, GatarError)
+    assert "leave one of them out" in str(error)
 
 
 def test_a_difference_gives_exit_code_one(tmp_path: Path) -> None:
