@@ -86,7 +86,7 @@ def prepare(config: VehicleConfig, unix_ns: int) -> Prepared:
 def driver_config(config: VehicleConfig) -> DriverConfig:
     """The bridge's part. Raises ConfigError for what cannot be flown."""
     vehicle = config.vehicle
-    return DriverConfig(
+    plan = DriverConfig(
         robot_id=config.robot.id,
         kind=config.kind,
         grid=config.grid_spec,
@@ -100,6 +100,11 @@ def driver_config(config: VehicleConfig) -> DriverConfig:
         auto_launch=False,  # the daemon decides, see assemble
         log_frames=bool(config.log.folder),
     )
+    east_m, north_m = zip(*plan.limits().fence_m, strict=True)
+    width_m, height_m = config.grid.width * config.grid.cell_m, config.grid.height * config.grid.cell_m
+    if max(east_m) <= 0 or max(north_m) <= 0 or min(east_m) >= width_m or min(north_m) >= height_m:
+        raise ConfigError("vehicle.fence lies beside the grid: every goal would be refused; its corners are [LAT, LON]")
+    return plan
 
 
 def make_allocator(config: VehicleConfig) -> Allocator:

@@ -133,6 +133,7 @@ def command(path: Path, force: bool, key_file: str, origin: str, size: str, **op
     Example:
       gatar init --id 3 --kind UAV --origin 47.397742,8.545594 --url udpin:127.0.0.1:14551
     """
+    from gatar_edge.allocators.registry import make
     from gatar_edge.keys import read_key
     from gatar_edge.preflight import check_addresses, driver_config
     from gatar_edge.vehicle_config import parse_config
@@ -143,6 +144,7 @@ def command(path: Path, force: bool, key_file: str, origin: str, size: str, **op
     config = parse_config(text, "what you gave")
     check_addresses(config)
     driver_config(config)
+    make(config.model.allocator)
     if path.exists() and not force:
         raise ConfigError(f"{path} exists: --force overwrites it, --config writes another")
     key_path = path.parent / key_file

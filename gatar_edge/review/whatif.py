@@ -86,6 +86,8 @@ def _continue(log: LogReader, make: Callable[[str], Allocator], change: Change, 
         if change.allocator is not None:
             agent.allocator = change.allocator()
     before = len(mission.open_targets)
+    if not before:
+        raise LogError(f"log {log.path} has no open target at {change.from_s:g} s: give an earlier moment with --from")
     mission.drop_unreachable()
     reachable = len(mission.open_targets)
     mission.fly(max_steps)

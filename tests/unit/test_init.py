@@ -68,6 +68,7 @@ def test_an_existing_configuration_and_key_are_kept(tmp_path: Path) -> None:
         (("--size", "0x5"), "$.grid.width"),
         (("--origin", "95,0"), "$.grid.origin_lat_deg"),
         (("--speed-m-s", "nan"), "$.robot.speed_m_s"),
+        (("--allocator", "best"), "allocator 'best' is unknown"),
         (("--url", "nonsense"), "use udpin:"),
         (("--listen", "nonsense"), "net.listen 'nonsense'"),
         (("--group", "10.0.0.1:14600"), "is not in 224.0.0.0"),

@@ -413,6 +413,12 @@ def test_a_model_for_another_rule_than_the_network_is_refused(mission: Path) -> 
     assert "leave one of them out" in str(error)
 
 
+def test_a_mission_that_is_over_has_nothing_to_go_on_with(mission: Path) -> None:
+    error = run("whatif", mission, "--from", "1e6").exception
+    assert isinstance(error, LogError)
+    assert "no open target" in str(error)
+
+
 def test_a_difference_gives_exit_code_one(tmp_path: Path) -> None:
     record_mission(tmp_path / "a.mcap")
     config = LogReader(tmp_path / "a.mcap").run_info()
