@@ -132,6 +132,8 @@ class Vehicle:
             self.seen.update(message, now_ns)
             if isinstance(message, wire.Heartbeat):
                 self._watch_mode(message, now_ns)
+            elif isinstance(message, wire.MissionCurrent):
+                self.transfer.receive(frame.source, message, now_ns)
             elif isinstance(message, wire.StatusText) and message.severity <= WORST_LOGGED_SEVERITY:
                 self._tell(now_ns, EventKind.STATUSTEXT, message.text)
 

@@ -113,7 +113,7 @@ def test_recorded_vectors_of_a_new_model_pass(tmp_path):
 def test_a_model_that_differs_from_its_weights_is_not_recorded(models):
     path = models / "gatar-greedy.safetensors"
     weights = load_file(path)
-    weights["score.1.weight"] = weights["score.1.weight"] + 0.5
+    weights["score.weight"] = weights["score.weight"] + 0.5
     save_file(weights, path)
     with pytest.raises(ModelError, match="differs from its weights"):
         record(models)
