@@ -79,9 +79,11 @@ class Flight:
 
     @property
     def key(self) -> str:
-        """Equal for flights that must have equal figures."""
+        """Equal for flights that must have equal figures: a model counts by its bytes, not by its name."""
         same = msgspec.structs.replace(self.campaign, seed=0, missions=0)
-        text = msgspec.json.encode([same, self.allocator, self.seed])
+        network, _, path = self.allocator.partition(":")
+        who = _model_digest(path) if network == "gatar" else self.allocator
+        text = msgspec.json.encode([same, who, self.seed])
         return hashlib.blake2b(text, digest_size=12).hexdigest()
 
 
@@ -191,6 +193,17 @@ def factory(allocator: str) -> Make:
     from gatar_edge.learn.compiled import compiled_planner
 
     return make(allocator, compiled_planner())
+
+
+@cache
+def _model_digest(path: str) -> str:
+    """Of a model file, "" for the default; the path itself where it cannot be read, which `make` will say."""
+    from gatar_edge.policy import DEFAULT_MODEL
+
+    try:
+        return hashlib.sha256((Path(path) if path else DEFAULT_MODEL).read_bytes()).hexdigest()
+    except OSError:
+        return path
 
 
 @cache

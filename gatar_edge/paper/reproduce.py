@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -56,8 +55,7 @@ def reproduce(places: Places, scale: Scale, workers: int, progress: Progress, co
         folders[run.name] = train(run, data, places.runs / run.name, scale, _part(progress, start, end))
     judged = judge(folders, scale, _part(progress, JUDGED_FROM, FLOWN_FROM))
     models = {**shipped_models(), "gatar-paper": f"gatar:{_exported(folders['gatar-paper'])}"}
-    known = places.runs / f"missions-{_digest(models)}.jsonl"
-    flown = fly(models, scale, workers, known, _part(progress, FLOWN_FROM, COVERED_FROM))
+    flown = fly(models, scale, workers, places.runs / "missions.jsonl", _part(progress, FLOWN_FROM, COVERED_FROM))
     covered = None
     if files:
         allocators = dict([*list(shipped_models().items())[-1:], ("greedy", "greedy")])
@@ -80,14 +78,6 @@ def _exported(folder: Path) -> Path:
     if not out.is_file() or out.stat().st_mtime < weights.stat().st_mtime:
         export(folder, out)
     return out
-
-
-def _digest(models: Mapping[str, str]) -> str:
-    """Of the model files: missions of other models do not count for these."""
-    digest = hashlib.sha256()
-    for allocator in models.values():
-        digest.update(Path(allocator.removeprefix("gatar:")).read_bytes())
-    return digest.hexdigest()[:12]
 
 
 def _write(results: Results, scale: Scale, out: Path) -> None:

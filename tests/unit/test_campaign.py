@@ -14,6 +14,7 @@ from gatar_edge.campaign import KILLED_BY, Campaign, Flight, deaths_of, fly_all,
 from gatar_edge.commands.eval_missions import command
 from gatar_edge.errors import ConfigError
 from gatar_edge.learn.statistics import mean_interval, ratio_interval
+from gatar_edge.policy import DEFAULT_MODEL, GREEDY_MODEL
 
 SMALL = Campaign(team="1A1G", size=8, targets=5, missions=2, seed=40)
 SMALL_OPTIONS = ["--team", "1A1G", "--missions", "2", "--size", "8", "--targets", "5"]
@@ -51,6 +52,16 @@ def test_flights_under_other_conditions_have_other_keys() -> None:
     longer = Campaign(team="1A1G", size=8, targets=5, missions=9, seed=39)
     assert Flight(lossy, "greedy", 40).key != FLIGHTS[1].key
     assert Flight(longer, "greedy", 40).key == FLIGHTS[1].key
+
+
+def test_flights_of_another_model_have_other_keys_whatever_it_is_called(tmp_path: Path) -> None:
+    for name, model in (("one", DEFAULT_MODEL), ("two", DEFAULT_MODEL), ("three", GREEDY_MODEL)):
+        (tmp_path / name).write_bytes(model.read_bytes())
+    default, one, two, three = (
+        Flight(SMALL, name, 40).key
+        for name in ("gatar", *(f"gatar:{tmp_path / name}" for name in ("one", "two", "three")))
+    )
+    assert default == one == two != three
 
 
 def test_central_rule_hears_everybody_however_far_and_lossy() -> None:
