@@ -70,7 +70,8 @@ def load_golden(folder: Path) -> Golden:
             raise ConfigError(f"{folder / TEXT}: format {text['format']}, this version reads {FORMAT_VERSION}")
         return Golden(folder, text["scenes"], text["models"], arrays)
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ConfigError(f"no golden vectors in {folder}: {error!r}; run `gatar selftest --record`") from None
+        cause = (isinstance(error, OSError) and error.strerror) or error
+        raise ConfigError(f"no golden vectors in {folder}: {cause}; run `gatar selftest --record`") from None
 
 
 def selftest(folder: Path = MODELS) -> Iterator[Check]:

@@ -41,8 +41,8 @@ def command(
     from gatar_edge.allocators.gatar import Gatar
     from gatar_edge.policy_speed import eager_network, measure, measure_process
 
-    process = measure_process(model, 12, targets, seconds, rate_hz=5.0)
     allocator = Gatar(model)
+    process = measure_process(model, 12, targets, seconds, rate_hz=5.0)
     eager = eager_network(allocator.policy) if with_torch else None
     rows = [measure(allocator, count, targets, repeats, eager) for count in robots]
     if as_json:

@@ -52,3 +52,10 @@ def test_a_model_that_fails_is_not_measured_as_its_fallback():
     allocator.policy.run = lambda inputs: run({**inputs, "maps": np.full_like(inputs["maps"], np.nan)})
     with pytest.raises(ModelError, match="failed on a scene"):
         measure(allocator, 1, 5, 1, None)
+
+
+def test_a_file_that_is_no_model_is_found_out_before_anything_is_measured(tmp_path):
+    (tmp_path / "notes.onnx").write_text("not a model")
+    result = CliRunner().invoke(command, ["--model", str(tmp_path / "notes.onnx")])
+    assert isinstance(result.exception, ModelError)
+    assert "not a readable ONNX model" in str(result.exception)
