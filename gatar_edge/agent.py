@@ -95,6 +95,7 @@ class Agent:
             config_digest=config.digest(),
             hop_limit=config.hop_limit,
             max_age_ns=int(config.max_age_s * NS_PER_S),
+            r_comm=config.r_comm,
             max_neighbors=config.max_neighbors,
         )
         self._negotiator = allocator if isinstance(allocator, Negotiator) else None
@@ -148,7 +149,7 @@ class Agent:
         """Take in bytes from the radio; the answer may hold a relay to send on. Never raises for what was sent."""
         if datagram and datagram[0] == TALK:
             return Heard(self._listen(datagram, now_ns))
-        heard = self.neighbors.hear(datagram, now_ns)
+        heard = self.neighbors.hear(datagram, now_ns, self._observation.cell if self._observation is not None else None)
         if heard.message is not None:
             self._merge(heard.message.window_origin, heard.message.window)
         return heard

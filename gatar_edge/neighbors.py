@@ -8,7 +8,9 @@ Rule 3: `hear` takes any bytes and never raises; each cause has its outcome, eac
 
 from __future__ import annotations
 
+import math
 from enum import StrEnum
+from itertools import takewhile
 from operator import attrgetter
 
 import msgspec
@@ -17,7 +19,8 @@ from msgspec.structs import replace
 from gatar_edge.errors import ConfigError, MessageError
 from gatar_edge.keys import KEY_BYTES
 from gatar_edge.message import NeighborMessage, open_envelope, unpack, with_hops
-from gatar_edge.types import Cell
+from gatar_edge.relaying import Place, passes_on
+from gatar_edge.types import NS_PER_S, Cell
 
 MAX_HOPS = 255  # one byte
 MAX_AUTHORS = 1024  # remembered sequences: the longest silent author is forgotten first
@@ -40,7 +43,7 @@ class HearOutcome(StrEnum):
 
 
 class Heard(msgspec.Struct, frozen=True):
-    """The outcome; the message where it is ACCEPTED or NEARER; the bytes to send on where others may lack it."""
+    """The outcome; the message where it is ACCEPTED or NEARER; the bytes to send on where it is this robot's turn."""
 
     outcome: HearOutcome
     message: NeighborMessage | None = None
@@ -71,12 +74,19 @@ class Neighbor(msgspec.Struct, frozen=True):
         """Time since the reception, by the local clock."""
         return now_ns - self.heard_ns
 
+    def place(self, now_ns: int) -> Place:
+        """Where it was, and how far it may have gone since it was heard: it may be anywhere when it does not know."""
+        message = self.message
+        lost = message.cell[0] < 0
+        moved_cells = math.inf if lost else message.speed_cells_s * self.age_ns(now_ns) / NS_PER_S
+        return Place(message.robot_id, message.cell, moved_cells)
+
 
 class NeighborTable:
     """All that one robot remembers of what it heard; bounded, deterministic, without a clock of its own.
 
-    `hop_limit` is K: 0 hears nobody, 1 the authors in range, 2 also what those relay.
-    Raises ConfigError for a key of another length than 32 bytes.
+    `hop_limit` is K: 0 hears nobody, 1 the authors in range, 2 also what those relay; `r_comm` the range of radio in
+    cells. Raises ConfigError for a key of another length than 32 bytes.
     """
 
     def __init__(
@@ -87,6 +97,7 @@ class NeighborTable:
         *,
         hop_limit: int,
         max_age_ns: int,
+        r_comm: float,
         max_neighbors: int = 63,
     ) -> None:
         if len(key) != KEY_BYTES:  # an empty one would mean no signature at all
@@ -97,23 +108,22 @@ class NeighborTable:
         self._config_digest = config_digest
         self._hop_limit = min(hop_limit, MAX_HOPS)
         self._max_age_ns = max_age_ns
+        self._r_comm = r_comm
         self._max_neighbors = max_neighbors
         self._authors: dict[int, Neighbor] = {}  # in order of reception, the longest silent first
 
-    def hear(self, data: bytes | bytearray | memoryview, now_ns: int) -> Heard:
-        """Judge one datagram received at `now_ns`. Copies cost no signature check and no unpacking."""
-        heard = self._judge(bytes(data), now_ns)  # what is looked up by its content must not change
+    def hear(self, data: bytes | bytearray | memoryview, now_ns: int, own_cell: Cell | None = None) -> Heard:
+        """Judge one datagram received at `now_ns`; a robot that does not know its own cell passes on all that is news.
+
+        Copies cost no signature check and no unpacking.
+        """
+        heard = self._judge(bytes(data), now_ns, own_cell)  # what is looked up by its content must not change
         self.counters[heard.outcome] += 1
         return heard
 
     def fresh(self, now_ns: int, own_cell: Cell) -> tuple[Neighbor, ...]:
         """The neighbours not older than the limit, by id; of too many those nearest to `own_cell` (then lower id)."""
-        oldest_ns = now_ns - self._max_age_ns
-        found = []
-        for neighbor in reversed(self._authors.values()):
-            if neighbor.heard_ns < oldest_ns:
-                break
-            found.append(neighbor)
+        found = self._not_older(now_ns - self._max_age_ns)
         if len(found) > self._max_neighbors:
             found.sort(key=lambda neighbor: (_squared_distance(neighbor.message.cell, own_cell), neighbor.robot_id))
             del found[self._max_neighbors :]
@@ -132,7 +142,7 @@ class NeighborTable:
         """Know what `remembered` gave, and nothing else."""
         self._authors = {neighbor.robot_id: neighbor for neighbor in neighbors}
 
-    def _judge(self, data: bytes, now_ns: int) -> Heard:
+    def _judge(self, data: bytes, now_ns: int, own_cell: Cell | None) -> Heard:
         try:
             robot_id, seq, hops, digest = open_envelope(data, self._key)
             known = self._authors.get(robot_id)
@@ -154,7 +164,20 @@ class NeighborTable:
                 self._authors[robot_id] = Neighbor(message, known.heard_ns)  # no younger for it
         except MessageError as error:
             return _IGNORED[HearOutcome(error.cause.value)]
-        return Heard(outcome, message, with_hops(data, hops + 1, self._key) if hops + 1 < self._hop_limit else None)
+        relays = hops + 1 < self._hop_limit and self._passes_on(message, now_ns, own_cell)
+        return Heard(outcome, message, with_hops(data, hops + 1, self._key) if relays else None)
+
+    def _passes_on(self, message: NeighborMessage, now_ns: int, own_cell: Cell | None) -> bool:
+        """A message that was relayed before is news to few: those pass it on."""
+        if own_cell is None or message.hops > 0:
+            return True
+        others = [neighbor.place(now_ns) for neighbor in self._not_older(now_ns - self._max_age_ns)]
+        author = Neighbor(message, now_ns).place(now_ns)
+        return passes_on(Place(self._robot_id, own_cell), author, message.seq, others, self._r_comm)
+
+    def _not_older(self, oldest_ns: int) -> list[Neighbor]:
+        """Neighbours heard since `oldest_ns`, the last heard first."""
+        return list(takewhile(lambda neighbor: neighbor.heard_ns >= oldest_ns, reversed(self._authors.values())))
 
     def _remember(self, neighbor: Neighbor) -> None:
         self._authors.pop(neighbor.robot_id, None)  # so that the new entry is the last

@@ -39,7 +39,7 @@ from gatar_edge.vehicle_config import VehicleConfig
 from gatar_edge.vehicle_port import AutopilotPort
 
 Clock = Callable[[], int]
-# After the first datagram wait this long for more: twelve neighbours that relay each other come in bursts, and waking
+# After the first datagram wait this long for more: neighbours that pass on what they hear come in bursts, and waking
 # for each of them costs twice the processor time.
 GATHER_NS = 5_000_000
 

@@ -120,7 +120,7 @@ class Soak:
         self.now_ns += TICK_NS
         self._wire.now_ns = self.now_ns
         self._surroundings.body.step(self.now_ns)
-        self._air.arrived += self._surroundings.messages(relays=1)
+        self._air.arrived += self._surroundings.messages(relays=self._surroundings.relays)
         self._eyes.arrived.append(self._surroundings.observation())
         self.daemon.step(self.now_ns)
 

@@ -13,6 +13,7 @@ from gatar_edge.config import AgentConfig
 from gatar_edge.keys import DEMO_KEY, KEY_BYTES
 from gatar_edge.message import MESSAGE_BYTES, VERSION, first_seq, numbered, sender_of, with_hops
 from gatar_edge.perception import encode_observation
+from gatar_edge.relaying import IN_RANGE_COPIES
 from gatar_edge.sim_sitl.body import Body
 from gatar_edge.sim_sitl.realtime import UdpSocket
 from gatar_edge.sim_sitl.world import Team, observe, random_world
@@ -27,10 +28,11 @@ FOREIGN_KEY = bytes(reversed(range(KEY_BYTES)))
 
 
 class Surroundings:
-    """Robot 1's vehicle and eyes, and neighbours 2, 3, ... in a cluster round the middle that relay all they hear."""
+    """Robot 1's vehicle and eyes, and neighbours 2, 3, ... in a cluster round the middle that all hear each other."""
 
     def __init__(self, neighbors: int, key: bytes = DEMO_KEY) -> None:
         self.neighbors = neighbors
+        self.relays = min(IN_RANGE_COPIES, max(0, neighbors - 1))  # of each message, as `relaying` has it
         self._key = key
         self._seq = first_seq(time.time_ns())
         self._mission = 0
@@ -114,7 +116,7 @@ class Turns:
         self._vehicles.send(around.body.autopilot.take())
         due = list(itertools.islice(self._attacks, self.flood_per_s // TURNS_PER_S))
         if self._turn % 4 == 0:
-            due += around.messages(relays=max(0, around.neighbors - 1))
+            due += around.messages(relays=around.relays)
             self._sender.sendto(around.observation(), self._eye)
         for data in due:
             self._sender.sendto(data, self._ear)

@@ -110,8 +110,8 @@ def test_a_relay_of_a_relay_is_the_message_with_other_hops(message: NeighborMess
 @REPEATABLE
 @given(st.lists(st.one_of(st.binary(max_size=200), signed_bodies, messages.map(lambda m: encode(m, DEMO_KEY)))))
 def test_hearing_takes_anything_and_counts_it(inbox: list[bytes]) -> None:
-    hearing = NeighborTable(1, DEMO_KEY, 0, hop_limit=300, max_age_ns=1)
-    outcomes = [hearing.hear(data, now_ns).outcome for now_ns, data in enumerate(inbox)]
+    hearing = NeighborTable(1, DEMO_KEY, 0, hop_limit=300, max_age_ns=3, r_comm=6.0)
+    outcomes = [hearing.hear(data, now_ns, (7, 7)).outcome for now_ns, data in enumerate(inbox)]
     assert hearing.counters == {outcome: outcomes.count(outcome) for outcome in HearOutcome}
 
 
@@ -120,7 +120,7 @@ def test_hearing_takes_anything_and_counts_it(inbox: list[bytes]) -> None:
 def test_each_message_is_news_once_and_is_relayed_over_ever_fewer_hops(arrivals: list[tuple[int, int, int]]) -> None:
     window = np.zeros((15, 15), np.uint8)
     plain = NeighborMessage(0, RobotKind.UAV, 0, 0, (0, 0), 0.0, TaskKind.HOLD, (0, 0), 0.0, (0, 0), window, 0)
-    hearing = NeighborTable(9, DEMO_KEY, 0, hop_limit=4, max_age_ns=1)
+    hearing = NeighborTable(9, DEMO_KEY, 0, hop_limit=4, max_age_ns=1, r_comm=6.0)
     newest: dict[int, int] = {}
     relayed: dict[tuple[int, int], int] = {}
     for author, seq, hops in arrivals:

@@ -61,8 +61,12 @@ def test_the_loop_ticks_at_its_rate_however_often_it_is_woken() -> None:
 
 
 def test_a_message_is_relayed_before_the_next_tick() -> None:
-    author, relay = Rig(1), Rig(2)
+    author, relay, far = Rig(1), Rig(2), Rig(3)
+    far.see = lambda: Rig.see(far, cell=(6, 0))  # type: ignore[method-assign]
+    author.see = lambda: Rig.see(author, cell=(0, 5))  # type: ignore[method-assign]
     author.run(0.2)
+    far.run(0.2)
+    relay.radio.arrived += far.radio.sent
     relay.run(0.2)
     relay.radio.sent.clear()
     relay.radio.arrived += author.radio.sent

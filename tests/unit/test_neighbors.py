@@ -36,8 +36,15 @@ MESSAGE = NeighborMessage(
 
 
 def table(robot_id: int = 1, hop_limit: int = 2, max_neighbors: int = 63) -> NeighborTable:
+    """Of a robot that does not know where it is: it passes on all that is news."""
     return NeighborTable(
-        robot_id, DEMO_KEY, DIGEST, hop_limit=hop_limit, max_age_ns=MAX_AGE_NS, max_neighbors=max_neighbors
+        robot_id,
+        DEMO_KEY,
+        DIGEST,
+        hop_limit=hop_limit,
+        max_age_ns=MAX_AGE_NS,
+        r_comm=6.0,
+        max_neighbors=max_neighbors,
     )
 
 
@@ -117,6 +124,20 @@ def test_with_two_hops_a_message_reaches_the_neighbours_neighbour_and_stops_ther
     heard = second.hear(relay, 0)
     assert (heard.outcome, heard.relay) == (HearOutcome.ACCEPTED, None)
     assert third.hear(sent(hops=2), 0).outcome is HearOutcome.TOO_FAR
+
+
+@pytest.mark.parametrize(
+    ("far_cell", "relayed"),
+    [((3, 0), False), ((8, 0), True), ((11, 0), False), ((-1, -1), True)],
+    ids=["nobody lacks it that reaches us", "in our range alone", "out of range of both", "anywhere"],
+)
+def test_a_robot_that_may_lack_a_message_is_told(far_cell: tuple[int, int], relayed: bool) -> None:
+    hearing = table()
+    for robot_id in range(10, 20):
+        hearing.hear(sent(robot_id=robot_id, cell=(1, 0)), 0, (4, 0))
+    hearing.hear(sent(robot_id=3, cell=far_cell), 0, (4, 0))
+    heard = [hearing.hear(sent(seq=seq), 0, (4, 0)).relay is not None for seq in range(10, 40)]
+    assert all(heard) if relayed else sum(heard) < 15
 
 
 @pytest.mark.parametrize(("hop_limit", "hops_relayed"), [(0, []), (1, []), (2, [0]), (4, [0, 1, 2])])
@@ -232,4 +253,4 @@ def test_a_flood_of_copies_never_unpacks_a_window(monkeypatch: pytest.MonkeyPatc
 @pytest.mark.parametrize("length", [0, 31, 33])
 def test_a_table_without_a_whole_key_is_refused(length: int) -> None:
     with pytest.raises(ConfigError, match=f"has {length} bytes, must be 32"):
-        NeighborTable(1, bytes(length), DIGEST, hop_limit=2, max_age_ns=MAX_AGE_NS)
+        NeighborTable(1, bytes(length), DIGEST, hop_limit=2, max_age_ns=MAX_AGE_NS, r_comm=6.0)
