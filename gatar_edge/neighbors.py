@@ -111,6 +111,8 @@ class NeighborTable:
         self._r_comm = r_comm
         self._max_neighbors = max_neighbors
         self._authors: dict[int, Neighbor] = {}  # in order of reception, the longest silent first
+        self._places: dict[int, Place] = {}  # of the fresh ones at `_placed_ns`
+        self._placed_ns: int | None = None
 
     def hear(self, data: bytes | bytearray | memoryview, now_ns: int, own_cell: Cell | None = None) -> Heard:
         """Judge one datagram received at `now_ns`; a robot that does not know its own cell passes on all that is news.
@@ -141,6 +143,7 @@ class NeighborTable:
     def recall(self, neighbors: tuple[Neighbor, ...]) -> None:
         """Know what `remembered` gave, and nothing else."""
         self._authors = {neighbor.robot_id: neighbor for neighbor in neighbors}
+        self._placed_ns = None
 
     def _judge(self, data: bytes, now_ns: int, own_cell: Cell | None) -> Heard:
         try:
@@ -171,9 +174,12 @@ class NeighborTable:
         """A message that was relayed before is news to few: those pass it on."""
         if own_cell is None or message.hops > 0:
             return True
-        others = [neighbor.place(now_ns) for neighbor in self._not_older(now_ns - self._max_age_ns)]
+        if self._placed_ns != now_ns:  # messages come in bursts
+            fresh = self._not_older(now_ns - self._max_age_ns)
+            self._places = {neighbor.robot_id: neighbor.place(now_ns) for neighbor in fresh}
+            self._placed_ns = now_ns
         author = Neighbor(message, now_ns).place(now_ns)
-        return passes_on(Place(self._robot_id, own_cell), author, message.seq, others, self._r_comm)
+        return passes_on(Place(self._robot_id, own_cell), author, message.seq, self._places.values(), self._r_comm)
 
     def _not_older(self, oldest_ns: int) -> list[Neighbor]:
         """Neighbours heard since `oldest_ns`, the last heard first."""
@@ -184,6 +190,8 @@ class NeighborTable:
         if len(self._authors) >= MAX_AUTHORS:
             del self._authors[next(iter(self._authors))]
         self._authors[neighbor.robot_id] = neighbor
+        if neighbor.heard_ns == self._placed_ns:
+            self._places[neighbor.robot_id] = neighbor.place(neighbor.heard_ns)
 
 
 _author = attrgetter("message.robot_id")

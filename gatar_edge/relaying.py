@@ -12,8 +12,8 @@ Rule 3: in doubt, pass it on. A robot may have moved since it was heard: "surely
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
+from math import dist
 from typing import NamedTuple
 
 from gatar_edge.types import Cell
@@ -33,31 +33,31 @@ class Place(NamedTuple):
 def passes_on(own: Place, author: Place, seq: int, others: Iterable[Place], r_comm: float) -> bool:
     """Whether robot `own`, which heard message `seq` from its author, sends it on; `others` are the robots it knows of.
 
-    `r_comm` is the range of radio in cells.
+    `r_comm` is the range of radio in cells. In plain loops, because a robot asks this of each message that it hears.
     """
-    mine = _turn(own.robot_id, seq)
+    mine, hearing = _turn(own.robot_id, seq), r_comm - author.moved_cells
     earlier: list[Place] = []  # those whose turn comes before ours
     lacking: list[tuple[Place, int]] = []
     for other in others:
-        if other.robot_id == author.robot_id:
+        robot_id, cell, moved = other
+        if robot_id == author.robot_id:
             continue
-        heard = math.dist(other.cell, author.cell) <= r_comm - other.moved_cells - author.moved_cells
-        if heard and _turn(other.robot_id, seq) < mine:
+        heard = dist(cell, author.cell) <= hearing - moved
+        if heard and _turn(robot_id, seq) < mine:
             earlier.append(other)
-        if math.dist(other.cell, own.cell) <= r_comm + other.moved_cells:
+        if dist(cell, own.cell) <= r_comm + moved:
             lacking.append((other, IN_RANGE_COPIES if heard else OUT_OF_RANGE_COPIES))
-    return any(_reached(other, earlier, r_comm) < copies for other, copies in lacking)
+    for (robot_id, cell, moved), copies in lacking:
+        told = 0
+        for sender_id, sender, sender_moved in earlier:
+            told += dist(sender, cell) <= r_comm - moved - sender_moved and sender_id != robot_id
+            if told == copies:
+                break
+        else:
+            return True
+    return False
 
 
-def _reached(place: Place, senders: Iterable[Place], r_comm: float) -> int:
-    """By how many of the senders a robot is surely reached."""
-    return sum(
-        math.dist(sender.cell, place.cell) <= r_comm - sender.moved_cells - place.moved_cells
-        for sender in senders
-        if sender is not place
-    )
-
-
-def _turn(robot_id: int, seq: int) -> tuple[int, int]:
+def _turn(robot_id: int, seq: int) -> int:
     """Ranks the robots, another way for each message."""
-    return (robot_id * 0x9E37 + seq) * 0x85EB & 0xFFFF, robot_id
+    return ((robot_id * 0x9E37 + seq) * 0x85EB & 0xFFFF) << 32 | robot_id

@@ -254,3 +254,11 @@ def test_a_flood_of_copies_never_unpacks_a_window(monkeypatch: pytest.MonkeyPatc
 def test_a_table_without_a_whole_key_is_refused(length: int) -> None:
     with pytest.raises(ConfigError, match=f"has {length} bytes, must be 32"):
         NeighborTable(1, bytes(length), DIGEST, hop_limit=2, max_age_ns=MAX_AGE_NS, r_comm=6.0)
+
+
+def test_old_news_by_a_shorter_way_from_a_robot_long_silent_is_taken() -> None:
+    hearing = table()
+    hearing.hear(sent(hops=1), 0, (4, 0))
+    later_ns = 2 * MAX_AGE_NS
+    hearing.hear(sent(robot_id=3), later_ns, (4, 0))
+    assert hearing.hear(sent(hops=0), later_ns, (4, 0)).outcome is HearOutcome.NEARER
