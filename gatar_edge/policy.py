@@ -20,6 +20,7 @@ from gatar_edge.features import AXES, LENGTH_SCALE_CELLS, MAX_CANDIDATES, SIZES,
 from gatar_edge.types import Floats
 
 LARGEST_FILE = 64 << 20  # bytes
+_SLOWER = ["NchwcTransformer"]  # reorders the channels of each convolution, which costs more than these few gain
 MODELS = Path(__file__).parent / "models"
 DEFAULT_MODEL = MODELS / "gatar-field.onnx"
 GREEDY_MODEL = MODELS / "gatar-greedy.onnx"  # the one that imitates the paper's expert
@@ -111,7 +112,9 @@ def _session(path: Path) -> Any:
     options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_ENABLE_ALL
     options.log_severity_level = 4  # errors come back as exceptions
     try:
-        return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+        return onnxruntime.InferenceSession(
+            data, options, providers=["CPUExecutionProvider"], disabled_optimizers=_SLOWER
+        )
     except Exception as error:  # onnxruntime's errors have no common root
         raise ModelError(f"{path} is not a readable ONNX model: {_one_line(error)}") from None
 
