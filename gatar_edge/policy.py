@@ -107,7 +107,8 @@ def _session(path: Path) -> Any:
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-    options.enable_mem_pattern = options.enable_cpu_mem_arena = False  # sizes change with the view: planning them costs
+    options.enable_mem_pattern = False  # sizes change with the view: planning them costs
+    options.enable_cpu_mem_arena = True  # else some runs get their memory from the system anew, page by page
     options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
     options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_ENABLE_ALL
     options.log_severity_level = 4  # errors come back as exceptions
