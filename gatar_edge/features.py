@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -86,9 +87,7 @@ UNKNOWN_REACH = 2  # half side of the square round a target in which unknown cel
 
 _SPAN = np.arange(-(WINDOW // 2), WINDOW // 2 + 1)
 # numpy compares with its own numbers in a fraction of the time that it takes to look into an enum
-_UNKNOWN, _OBSTACLE, _TARGET, _LOCALIZED = np.array(
-    [CellState.UNKNOWN, CellState.OBSTACLE, CellState.TARGET, CellState.LOCALIZED], dtype=np.uint8
-)
+_UNKNOWN, _OBSTACLE, _TARGET = np.array([CellState.UNKNOWN, CellState.OBSTACLE, CellState.TARGET], dtype=np.uint8)
 _UGV = int(RobotKind.UGV)
 
 Array = npt.NDArray[np.generic]
@@ -156,16 +155,18 @@ def features_of(view: ViewArrays, with_windows: bool = True) -> Inputs:
     lengths = _at_targets(view)
     fastest = np.where(view.present, view.speeds, 0).max(axis=-1, keepdims=True)
     view = replace(view, speeds=view.speeds / np.maximum(fastest, np.float32(1e-6)))
+    real = view.listed[..., None, :] & view.present[..., :, None]
     gaps = view.targets[..., None, :, :] - view.robots[..., :, None, :]
     inside = _in_window(view, gaps)
     unknown = _unknown_sums(view)
+    dark = _unknown_shares(view, unknown)
+    count = view.robots.shape[-2]
     rank = _ranks(view) / np.float32(RANK_SCALE)
-    valid = (lengths != UNREACHABLE) & view.listed[..., None, :] & view.present[..., :, None]
     windows = {"maps": channels(view), "cells": _window_cells(gaps, inside)} if with_windows else {}
     return {
-        "robots": _robot_features(view, unknown, rank),
-        "pairs": _pair_features(view, lengths, gaps, unknown, rank, inside),
-        "valid": valid.astype(np.float32),
+        "robots": _robot_features(view, dark[..., :count], rank),
+        "pairs": _pair_features(view, lengths, gaps, dark[..., count:], rank, inside, real),
+        "valid": ((lengths != UNREACHABLE) & real).astype(np.float32),
         "offsets": (view.targets - view.robots[..., :1, :]).astype(np.float32),
         "places": _place_features(view, unknown),
         "hops": view.hops,
@@ -244,13 +245,12 @@ def _at_targets(view: ViewArrays) -> Ints:
     return lengths
 
 
-def _times(lengths: Ints, speeds: Floats) -> tuple[Floats, Floats]:
+def _times(lengths: Ints, reachable: Bools, speeds: Floats) -> tuple[Floats, Floats]:
     """Time to each target, as cells of the fastest robot, and the reward there; both 0 where unreachable."""
-    reachable = lengths != UNREACHABLE
-    speed = np.maximum(speeds[..., None], np.float32(1e-3))
-    times = np.where(reachable, lengths.astype(np.float32) / speed, np.float32(0))
-    reward = np.where(reachable, speed / (np.maximum(lengths, 0).astype(np.float32) + np.float32(EPSILON)), 0)
-    return times, reward
+    speed: Floats = np.maximum(speeds[..., None], np.float32(1e-3))
+    steps: Floats = np.maximum(lengths, 0).astype(np.float32)  # 0 where unreachable, and so is the time
+    reward: Floats = speed / (steps + np.float32(EPSILON)) * reachable
+    return steps / speed, reward
 
 
 def _in_window(view: ViewArrays, gaps: Ints) -> Bools:
@@ -273,7 +273,7 @@ def _ranks(view: ViewArrays) -> Floats:
     return rank
 
 
-def _robot_features(view: ViewArrays, unknown: IntGrid, rank: Floats) -> Floats:
+def _robot_features(view: ViewArrays, dark: Floats, rank: Floats) -> Floats:
     out = np.empty((*view.ids.shape, len(ROBOT_FEATURES)), dtype=np.float32)
     out[..., 0] = view.kinds == _UGV
     out[..., 1] = view.speeds
@@ -282,38 +282,39 @@ def _robot_features(view: ViewArrays, unknown: IntGrid, rank: Floats) -> Floats:
     out[..., 4] = np.arange(view.ids.shape[-1]) == 0
     out[..., 5] = view.tasks[..., 0] >= 0
     out[..., 6] = (view.hops == 1).sum(axis=-1) / np.float32(8)
-    out[..., 7] = _unknown_share(unknown, view.robots, WINDOW // 2)
+    out[..., 7] = dark
     out[..., 8] = view.ages_s / np.float32(AGE_SCALE_S)
     out[~view.present] = 0
     return out
 
 
 def _pair_features(
-    view: ViewArrays, lengths: Ints, gaps: Ints, unknown: IntGrid, rank: Floats, inside: Bools
+    view: ViewArrays, lengths: Ints, gaps: Ints, dark: Floats, rank: Floats, inside: Bools, real: Bools
 ) -> Floats:
     reachable = lengths != UNREACHABLE
-    times, reward = _times(lengths, view.speeds)
+    times, reward = _times(lengths, reachable, view.speeds)
     out = np.empty((*times.shape, len(PAIR_FEATURES)), dtype=np.float32)
-    task = view.tasks[..., :, None, :] == view.targets[..., None, :, :]
+    tasks, targets = view.tasks[..., :, None, :], view.targets[..., None, :, :]
     out[..., 0] = times / np.float32(TIME_SCALE)
     out[..., 1] = reward
     out[..., 2] = reachable
     out[..., 3] = (view.kinds == _UGV)[..., None]
-    out[..., 4] = _unknown_share(unknown, view.targets, UNKNOWN_REACH)[..., None, :]
+    out[..., 4] = dark[..., None, :]
     out[..., 5] = rank[..., None]
     out[..., 6] = np.arange(view.targets.shape[-2], dtype=np.float32) / np.float32(TARGET_RANK_SCALE)
-    out[..., 7] = task[..., 0] & task[..., 1]
+    out[..., 7] = (tasks[..., 0] == targets[..., 0]) & (tasks[..., 1] == targets[..., 1])
     out[..., 8] = inside
     out[..., 9:11] = gaps / np.float32(LENGTH_SCALE_CELLS)
-    out *= (view.listed[..., None, :] & view.present[..., :, None])[..., None]
+    if np.count_nonzero(real) != real.size:  # in a robot's own view there is nothing to blot out
+        out *= real[..., None]
     return out
 
 
 def _place_features(view: ViewArrays, unknown: IntGrid) -> Floats:
     """Whether a candidate is a frontier, the unknown cells round it, and how many targets they may hide."""
     size = view.belief.shape[-2] * view.belief.shape[-1]
-    found = np.count_nonzero((view.belief == _TARGET) | (view.belief == _LOCALIZED), axis=(-2, -1))
-    seen = size - unknown[..., -1, -1] - np.count_nonzero(view.belief == _OBSTACLE, axis=(-2, -1))
+    found = (view.belief >= _TARGET).sum(axis=(-2, -1))  # or localized
+    seen = size - unknown[..., -1, -1] - (view.belief == _OBSTACLE).sum(axis=(-2, -1))
     density = (np.float32(found) + np.float32(PRIOR_TARGETS)) / (np.float32(seen) + np.float32(PRIOR_CELLS))
     dark = view.dark.astype(np.float32)
     out = np.empty((*dark.shape, len(PLACE_FEATURES)), dtype=np.float32)
@@ -332,15 +333,27 @@ def _unknown_sums(view: ViewArrays) -> IntGrid:
     return unknown
 
 
-def _unknown_share(unknown: IntGrid, centres: Ints, reach: int) -> Floats:
-    """Share of unknown cells in the square round each centre [..., K, 2]; outside the world nothing is unknown."""
+def _unknown_shares(view: ViewArrays, unknown: IntGrid) -> Floats:
+    """Share of unknown cells in the window round each robot and in the square round each candidate: [..., N + M].
+
+    Outside the world nothing is unknown.
+    """
     width, height = unknown.shape[-2] - 1, unknown.shape[-1] - 1
     batch = unknown.shape[:-2]
-    first = (np.arange(math.prod(batch)).reshape(batch) * (width + 1) * (height + 1))[..., None]
-    x0, y0 = (_within(centres[..., axis] - reach, size) for axis, size in ((0, width), (1, height)))
-    x1, y1 = (_within(centres[..., axis] + reach + 1, size) for axis, size in ((0, width), (1, height)))
-    table = unknown.reshape(-1)
-    low, high = first + x0 * (height + 1), first + x1 * (height + 1)
-    count = table[high + y1] - table[low + y1] - table[high + y0] + table[low + y0]
-    share: Floats = count.astype(np.float32) / np.float32((2 * reach + 1) ** 2)
+    edges, area = _squares(view.robots.shape[-2], view.targets.shape[-2], len(batch))
+    centres = np.concatenate([view.robots, view.targets], axis=-2)
+    x = _within(centres[..., 0] + edges, width)  # [low high, ..., N + M]
+    y = _within(centres[..., 1] + edges, height)
+    first = np.arange(math.prod(batch)).reshape(batch)[..., None] * (width + 1)
+    sums = unknown.reshape(-1)[((first + x) * (height + 1))[:, None] + y]  # [low high x, low high y, ..., N + M]
+    strips = sums[1] - sums[0]
+    share: Floats = (strips[1] - strips[0]).astype(np.float32) / area
     return share
+
+
+@lru_cache(maxsize=64)
+def _squares(robots: int, candidates: int, batch_axes: int) -> tuple[Ints, Floats]:
+    """Edges of the squares in which cells are counted, from their middles [2, ..., N + M], and their cells [N + M]."""
+    reach = np.repeat((WINDOW // 2, UNKNOWN_REACH), (robots, candidates))
+    edges = np.stack([-reach, reach + 1]).reshape(2, *(1,) * batch_axes, -1)
+    return edges, ((2 * reach + 1) ** 2).astype(np.float32)

@@ -18,7 +18,6 @@ from gatar_edge.allocators.base import NO_TARGET, Allocation, Choices, in_id_ord
 from gatar_edge.config import AgentConfig
 from gatar_edge.explore import FRONTIER_BLOCK
 from gatar_edge.features import arrays_of, features_of
-from gatar_edge.grid import UNREACHABLE
 from gatar_edge.manifest import check_config
 from gatar_edge.policy import Policy
 from gatar_edge.types import Floats, TaskKind
@@ -45,9 +44,10 @@ class Gatar:
         ahead = self.policy.manifest.looks_ahead
         whole = with_absent(view) if ahead else view
         arrays = arrays_of(whole, with_frontiers=ahead)
-        output = self.policy.run(features_of(arrays, self.policy.manifest.reads_windows))
+        inputs = features_of(arrays, self.policy.manifest.reads_windows)
+        output = self.policy.run(inputs)
         places = arrays.targets[arrays.listed]
-        possible = whole.distances[:, places[:, 0], places[:, 1]] != UNREACHABLE
+        possible = inputs["valid"][:, : len(places)] != 0
         scores = output.scores if len(places) == len(arrays.targets) else output.scores[:, [*range(len(places)), -1]]
         held = in_hand(whole, places) if ahead else None
         joint = decode(scores, possible, in_id_order(whole), held)

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from gatar_edge.features import CHANNELS, PAIR_FEATURES, PLACE_FEATURES, RANK_SCALE, ROBOT_FEATURES, WINDOW
-from gatar_edge.learn.networks.gatar_round import MOST_SCORE, GatarConfig, Hearing, Round
+from gatar_edge.learn.networks.gatar_round import MOST_SCORE, GatarConfig, Hearing, Round, pointwise
 
 HIDDEN_SCORE = -1e4  # finite, so that nothing becomes NaN; far enough that exp() of it is exactly 0
 SCORE_SCALE = 0.1
@@ -37,7 +37,7 @@ class Outputs:
 
 
 class WindowEncoder(nn.Module):
-    """The shared CNN over the four channels, read at each candidate's cell: [B, N, 4, 15, 15] -> [B, N, M, C]."""
+    """The shared CNN over the four channels, read at each candidate's cell: [B, N, 4, 15, 15] -> [B, C, N, M]."""
 
     def __init__(self, channels: int, seen: tuple[bool, ...]) -> None:
         super().__init__()
@@ -53,7 +53,7 @@ class WindowEncoder(nn.Module):
         x = functional.relu(self.second(functional.relu(self.first(x))))
         x = x.reshape(views, robots, self.channels, WINDOW * WINDOW)
         index = cells.unsqueeze(2).expand(-1, -1, self.channels, -1)
-        return x.gather(3, index).transpose(2, 3)
+        return x.gather(3, index).transpose(1, 2)
 
 
 class Gatar(nn.Module):
@@ -80,6 +80,9 @@ class Gatar(nn.Module):
         hidden = {"robot_rank", "target_rank", "rank"} if not config.order else set()
         hidden |= {"task", "busy"} if not config.tasks else set()
         hidden |= {"age"} if not config.ages else set()
+        self.groups: Tensor  # times the gap of ranks: hides later robots from the first group, earlier from the second
+        signs = torch.tensor([1.0, -1.0])[:, None, None]
+        self.register_buffer("groups", signs * RANK_SCALE * HIDDEN_SCORE, persistent=False)
         self.pair_scale: Tensor
         self.robot_scale: Tensor
         for name, features in (("pair_scale", PAIR_FEATURES), ("robot_scale", ROBOT_FEATURES)):
@@ -89,23 +92,29 @@ class Gatar(nn.Module):
         self, robots: Tensor, pairs: Tensor, valid: Tensor, offsets: Tensor, hops: Tensor,
         maps: Tensor | None = None, cells: Tensor | None = None, places: Tensor | None = None,
     ) -> Outputs:  # fmt: skip
-        views, count, candidates = valid.shape
+        valid = valid.unsqueeze(1)
+        robots = robots.unsqueeze(3).transpose(1, 2)  # [B, F, N, 1]
+        pairs = pairs.permute(0, 3, 1, 2)
         legs = self._legs(offsets)
-        hearings = self._hearings(hops, robots[..., RANK])
-        robots = robots * self.robot_scale
-        rows = valid.reshape(-1, 1)
+        hearings = self._hearings(hops, robots[:, RANK : RANK + 1])
+        robots = robots * self.robot_scale[:, None, None]
         hidden = (1 - valid) * HIDDEN_SCORE
-        share = (valid / valid.sum(dim=2, keepdim=True).clamp(min=1)).unsqueeze(2)  # of each candidate in the mean
+        first, last = _linears(self.none)
+        weight_of_mean, weight_of_robots = _split(first, self.config.width, robots.shape[1])
+        of_robots = functional.conv2d(robots, weight_of_robots)  # the same in all rounds
+        share = valid / valid.sum(dim=3, keepdim=True).clamp(min=1)  # of each candidate in the mean
 
-        def scores_of(normed: Tensor) -> Tensor:
-            """[B, N, M + 1]: candidates that do not exist or cannot be reached score about `HIDDEN_SCORE`."""
-            scores = self.score(normed).reshape(views, count, candidates) + hidden
-            mean = (share @ normed.reshape(views, count, candidates, -1)).squeeze(2)
-            none = self.none(torch.cat([mean, robots], dim=-1).flatten(0, 1))
-            return torch.cat([scores, none.reshape(views, count, 1)], dim=-1)
+        def scores_of(normed: Tensor) -> tuple[Tensor, Tensor]:
+            """[B, 1, N, M], about `HIDDEN_SCORE` where a candidate does not exist or cannot be reached, and the same
+            with the score of no target behind.
+            """
+            scores = pointwise(self.score, normed) + hidden
+            mean = (normed * share).sum(dim=3, keepdim=True)
+            none = functional.relu(functional.conv2d(mean, weight_of_mean, first.bias) + of_robots)
+            return scores, torch.cat([scores, pointwise(last, none)], dim=3)
 
-        seen = self._seen(maps, cells, pairs[..., INSIDE])
-        h = self._encode(robots, pairs * self.pair_scale, seen, places)
+        seen = self._seen(maps, cells, pairs[:, INSIDE : INSIDE + 1])
+        h = self._encode(robots, pairs, seen, places)
         levels = self.config.levels
         turn = len(levels) // 2
         down: dict[int, Tensor] = {}
@@ -113,66 +122,95 @@ class Gatar(nn.Module):
         weights = h
         for index, level in enumerate(levels):
             if index >= turn and self.config.shortcuts and level in down:
-                h = h + self.shortcut[sorted(set(levels[turn:])).index(level)](down.pop(level))
+                h = h + self._shortcut(level, down.pop(level))
             if index < turn:
                 down[level] = h
-            normed = self.norm(h)
-            every = scores_of(normed)
-            history.append(every)
-            bids = every.softmax(dim=-1)[..., :-1]
-            told = every[..., :-1].clamp(-MOST_SCORE / SCORE_SCALE, MOST_SCORE / SCORE_SCALE) * SCORE_SCALE
-            changed, weights = self.rounds[self.plan[index]](normed, bids, told, hearings[level], rows, legs)
+            normed = self._normed(h)
+            scores, every = scores_of(normed)
+            history.append(every.squeeze(1))
+            bids = every.softmax(dim=3)[..., :-1]
+            told = scores.clamp(-MOST_SCORE / SCORE_SCALE, MOST_SCORE / SCORE_SCALE) * SCORE_SCALE
+            changed, weights = self.rounds[self.plan[index]](normed, bids, told, hearings[level], valid, legs)
             h = h + changed
-        scores = scores_of(self.norm(h))
-        return Outputs(scores, *self._ego(scores, valid, offsets, weights), tuple(history))
+        scores, every = scores_of(self._normed(h))
+        xy = _ego_xy(scores, valid, offsets)
+        return Outputs(every.squeeze(1), xy, weights[:, :, 0].mean(dim=1), tuple(history))
+
+    def _shortcut(self, level: int, before: Tensor) -> Tensor:
+        """K_ll of eq. 9b: what the way up at `level` takes from the way down."""
+        ups = sorted(set(self.config.levels[len(self.config.levels) // 2 :]))
+        return pointwise(self.shortcut[ups.index(level)], before)  # type: ignore[arg-type]
+
+    def _normed(self, h: Tensor) -> Tensor:
+        """`norm` over the features of h [B, D, N, M]."""
+        normed: Tensor = self.norm(h.movedim(1, 3)).movedim(3, 1)
+        return normed
 
     def _hearings(self, hops: Tensor, ranks: Tensor) -> dict[int, Hearing]:
-        """The masks of each level that a round asks for: hops [B, N, N], ranks [B, N]."""
-        away = hops.to(ranks.dtype)
-        gap = (ranks[:, None, :] - ranks[:, :, None]) * RANK_SCALE  # 1 or more for those later in the order
-        groups = torch.stack([gap + 1, 1 - gap], dim=1) if self.config.order else torch.zeros_like(gap)[:, None]
-        others = (groups.relu() + (1 - away.abs()).relu()[:, None]) * HIDDEN_SCORE  # never the robot itself
+        """The masks of each level that a round asks for: hops [B, N, N], ranks [B, 1, N, 1]."""
+        away = hops.unsqueeze(1).to(ranks.dtype)
+        if self.config.order:
+            gap = ranks.transpose(2, 3) - ranks  # above 0 for those later in the order, 0 for the robot itself
+            others = (gap * self.groups + HIDDEN_SCORE).clamp(max=0)
+        else:
+            others = (1 - away.abs()).relu() * HIDDEN_SCORE
+        near = away * HIDDEN_SCORE
         found = {}
         for level in set(self.config.levels):
-            beyond = torch.maximum(away - level, -away).relu() * HIDDEN_SCORE  # at level 1: of 2 hops, and of -1
-            found[level] = Hearing(beyond[:, None], (others + beyond[:, None])[:, :, None, ..., None])
+            beyond = torch.minimum(near - level * HIDDEN_SCORE, -near).clamp(max=0)  # at level 1: of 2 hops, and of -1
+            found[level] = Hearing(beyond, (others + beyond)[:, :, None, ..., None])
         return found
 
     def _legs(self, offsets: Tensor) -> Tensor | None:
-        """Weights of one candidate for another by the way between them, exp(-way / reach): [B, 1, H * M, M].
+        """Weights of one candidate for another by the way between them, exp(-way / reach): [B, H, M, M].
 
         The way is taken as 4-connected with nothing between: only what is near counts.
         """
         if self.slopes is None:
             return None
-        x, y = offsets[..., 0], offsets[..., 1]
-        way = (x.unsqueeze(1) - x.unsqueeze(2)).abs() + (y.unsqueeze(1) - y.unsqueeze(2)).abs()  # [B, M, M]
-        heads = torch.cat([way * -slope for slope in functional.softplus(self.slopes)], dim=1)
-        others = torch.cat([(way > 0) * LEG_SCALE] * self.config.heads, dim=1)  # not the candidate itself
-        return (torch.exp(heads) * others).unsqueeze(1)
+        x_y = offsets.unsqueeze(3).transpose(1, 2)  # [B, 2, M, 1]
+        way = (x_y.transpose(2, 3) - x_y).abs().sum(dim=1, keepdim=True)  # [B, 1, M, M]
+        others = way.clamp(max=1) * LEG_SCALE  # ways are whole numbers: 0 for the candidate itself, 1 for the others
+        return torch.exp(way * -functional.softplus(self.slopes)[:, None, None]) * others
 
     def _seen(self, maps: Tensor | None, cells: Tensor | None, inside: Tensor) -> Tensor | None:
-        """What the window shows of each candidate, 0 for those outside: [B, N, M, C]."""
+        """What the window shows of each candidate, 0 for those outside: [B, C, N, M]; `inside` [B, 1, N, M]."""
         if self.window is None or maps is None or cells is None:
             return None
         read: Tensor = self.window(maps, cells)
-        return read * inside.unsqueeze(-1)
+        return read * inside
 
     def _encode(self, robots: Tensor, pairs: Tensor, seen: Tensor | None, places: Tensor | None) -> Tensor:
-        parts = [pairs, robots.unsqueeze(2).expand(-1, -1, pairs.shape[2], -1)]
+        """The first layer adds up what it makes of pairs [B, P, N, M], robots [B, F, N, 1], places [B, M, C] and the
+        window [B, C, N, M]: none has to be as large as all together.
+        """
+        first, last = _linears(self.encode)
+        parts = [pairs, robots]
         if places is not None:
-            parts.append(places.unsqueeze(1).expand(-1, pairs.shape[1], -1, -1))
+            parts.append(places.unsqueeze(1).permute(0, 3, 1, 2))
         if seen is not None:
             parts.append(seen)
-        table = torch.cat(parts, dim=-1)
-        encoded: Tensor = self.encode(table.reshape(-1, table.shape[-1]))
-        return encoded
+        weights = _split(first, *(part.shape[1] for part in parts))
+        table = functional.conv2d(pairs, weights[0] * self.pair_scale[:, None, None], first.bias)
+        rest = sum(functional.conv2d(part, weight) for part, weight in zip(parts[1:], weights[1:], strict=True))
+        return pointwise(last, functional.relu(table + rest))
 
-    def _ego(self, scores: Tensor, valid: Tensor, offsets: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
-        """Ego's score-weighted mean cell (the paper's output) and its attention in the last round."""
-        bids = scores[:, 0, :-1].softmax(dim=-1) * valid[:, 0]
-        xy = (bids.unsqueeze(-1) * offsets).sum(dim=1)
-        return xy, weights[:, :, 0].mean(dim=1)
+
+def _split(layer: nn.Linear, *sizes: int) -> tuple[Tensor, ...]:
+    """The layer's weights for parts of so many features each, as `conv2d` takes them."""
+    return torch.split(layer.weight[:, :, None, None], [*sizes], dim=1)
+
+
+def _linears(layers: nn.Sequential) -> tuple[nn.Linear, nn.Linear]:
+    """The first and the last of (linear, ReLU, linear)."""
+    first, _, last = layers
+    return first, last  # type: ignore[return-value]
+
+
+def _ego_xy(scores: Tensor, valid: Tensor, offsets: Tensor) -> Tensor:
+    """Ego's score-weighted mean cell (the paper's output): scores and valid [B, 1, N, M], offsets [B, M, 2]."""
+    bids = scores[:, :, 0].softmax(dim=-1) * valid[:, :, 0]
+    return (bids @ offsets).squeeze(1)
 
 
 def _first_slopes(heads: int) -> Tensor:

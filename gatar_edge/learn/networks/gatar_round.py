@@ -44,10 +44,14 @@ class Hearing:
     rivals: Tensor  # [B, G, 1, N, N, 1], in G groups: robots earlier in the order and those later, never itself
 
 
+def pointwise(layer: nn.Linear, x: Tensor) -> Tensor:
+    """`layer` over the features of x [B, D, N, M]: one product of matrices, with nothing to transpose."""
+    return functional.conv2d(x, layer.weight[:, :, None, None], layer.bias)
+
+
 class Round(nn.Module):
     """One exchange of bids over one hop mask: (h, bids, scores) -> what changes in h, and the attention.
 
-    `h` (normed) and all that goes through a linear layer are rows [B * N * M, D]: a layer is one product of matrices.
     Robots attend to robots by what they want most; a head gathers, for every candidate, what those say of it. All
     heads weigh the same values, so that nothing large has to be cut up and put together again.
     """
@@ -70,45 +74,43 @@ class Round(nn.Module):
     def forward(
         self, normed: Tensor, bids: Tensor, scores: Tensor, hearing: Hearing, valid: Tensor, legs: Tensor | None
     ) -> tuple[Tensor, Tensor]:
-        """`bids` and `scores` [B, N, M], the scores scaled; `valid` as rows [B * N * M, 1]."""
-        views, robots, candidates = bids.shape
-        message = torch.cat([normed, bids.reshape(-1, 1), scores.reshape(-1, 1)], dim=-1)
-        wanted = bids.unsqueeze(2) @ normed.reshape(views, robots, candidates, -1)  # [B, N, 1, D]
+        """`normed` [B, D, N, M]; `bids`, `scores` (scaled) and `valid` [B, 1, N, M]; `legs` [B, H, M, M]."""
+        told = torch.cat([bids, scores], dim=1)
+        message = torch.cat([normed, told], dim=1)
+        wanted = (normed * bids).sum(dim=3, keepdim=True)  # [B, D, N, 1]
         parts = [message]
         weights = hearing.attention.softmax(dim=-1)
         if self.ask is not None and self.value is not None:
-            weights = self._attention(self.ask(wanted.reshape(-1, self.config.width)), hearing, views)
-            said = self.value(message).reshape(views, 1, robots, -1)
-            parts.append(self._rows(weights @ said, bids))
+            weights = self._attention(pointwise(self.ask, wanted), hearing)
+            said = weights.unsqueeze(2) @ pointwise(self.value, message).unsqueeze(1)  # [B, H, P, N, M]
+            parts.append(said.flatten(1, 2))
         if self.config.competition:
-            parts.append(self._competition(torch.stack([bids, scores], dim=1), hearing))
+            parts.append(self._competition(told, hearing))
         if self.near is not None and legs is not None:
-            values = (self.near(message) * valid).reshape(views, robots, candidates, -1)
-            parts.append(self._around(values, legs, bids))
-        changed = self.update(torch.cat(parts, dim=-1))
+            parts.append(_around(pointwise(self.near, message) * valid, legs))
+        changed = pointwise(self.update, torch.cat(parts, dim=1))
         if self.own is not None:
-            changed = changed.reshape(views, robots, candidates, -1) + self.own(wanted)
-        return self.out(functional.relu(changed).reshape(-1, 2 * self.config.width)), weights
+            changed = changed + pointwise(self.own, wanted)
+        return pointwise(self.out, functional.relu(changed)), weights
 
-    def _attention(self, asked: Tensor, hearing: Hearing, views: int) -> Tensor:
+    def _attention(self, asked: Tensor, hearing: Hearing) -> Tensor:
         """Eq. 10, receiver form: alpha_nm = softmax over m in N(n) of LeakyReLU(q_n k_m / sqrt d): [B, H, N, N]."""
         size = self.config.width // self.config.heads
-        split = asked.reshape(views, -1, 2, self.config.heads, size).permute(2, 0, 3, 1, 4)
-        match = split[0] @ split[1].transpose(-2, -1) / math.sqrt(size)
+        query, key = asked.reshape(asked.shape[0], 2 * self.config.heads, size, -1).chunk(2, dim=1)
+        match = query.transpose(-2, -1) @ key / math.sqrt(size)
         return (functional.leaky_relu(match, 0.2) + hearing.attention).softmax(dim=-1)
 
-    def _around(self, values: Tensor, legs: Tensor, bids: Tensor) -> Tensor:
-        """What lies near each candidate: values [B, N, M, P] weighed by legs [B, 1, H * M, M], as rows."""
-        gathered = legs @ values
-        return self._rows(gathered.reshape(*bids.shape[:2], self.config.heads, -1).transpose(1, 2), bids)
-
-    def _rows(self, heads: Tensor, bids: Tensor) -> Tensor:
-        """[B, H, N, M * P] -> [B * N * M, H * P]."""
-        split = heads.reshape(*heads.shape[:3], bids.shape[2], -1).permute(0, 2, 3, 1, 4)
-        return split.reshape(-1, self.config.width)
-
     def _competition(self, told: Tensor, hearing: Hearing) -> Tensor:
-        """Largest bid and score among the rivals of each group: told [B, 2, N, M] -> rows of 2 for each group."""
+        """Largest bid and score among the rivals of each group: told [B, 2, N, M] -> [B, 2 * G, N, M]."""
         largest = (told[:, None, :, None] + hearing.rivals).amax(dim=4)  # [B, G, 2, N, M]
-        largest = torch.maximum(largest, self.least)
-        return largest.permute(0, 3, 4, 1, 2).reshape(-1, 4 if self.config.order else 2)
+        return torch.maximum(largest, self.least).flatten(1, 2)
+
+
+def _around(values: Tensor, legs: Tensor) -> Tensor:
+    """What lies near each candidate: values [B, P, N, M] weighed by legs [B, H, M, M] -> [B, H * P, N, M].
+
+    Legs are the same there and back, so that they weigh from the right as from the left.
+    """
+    views, part, robots, candidates = values.shape
+    gathered = values.reshape(views, 1, part * robots, candidates) @ legs
+    return gathered.reshape(views, -1, robots, candidates)
