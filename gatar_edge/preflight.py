@@ -50,8 +50,7 @@ class Prepared:
     @property
     def flown(self) -> str:
         """The allocator as a replay of the log must make it."""
-        model = self.config.model
-        return f"{model.allocator}:{model.file}" if model.file else model.allocator
+        return self.config.model.flown
 
     @property
     def identity(self) -> Identity:
