@@ -15,54 +15,39 @@ from gatar_edge.errors import ConfigError, LinkError
 Number = TypeVar("Number", int, float)
 
 
-class Corner(click.ParamType):
-    """LAT,LON in degrees: (float, float), within the limits of `vehicle_config`."""
+def corner_of(answer: str | tuple[float, float]) -> tuple[float, float]:
+    """LAT,LON in degrees within the limits of `vehicle_config`; click hands an answer in twice."""
+    import msgspec
 
-    name = "lat,lon"
+    from gatar_edge.vehicle_config import GridSection
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, float]:
-        """See `click.ParamType`."""
-        if isinstance(value, tuple):  # an answer, which click converts twice
-            return value
-        import msgspec
-
-        from gatar_edge.vehicle_config import GridSection
-
-        lat, lon = _pair(value, ",", float) or self.fail(f"{value!r} is not of the form 47.397742,8.545594", param, ctx)
-        try:
-            msgspec.convert({"origin_lat_deg": lat, "origin_lon_deg": lon}, GridSection)
-        except msgspec.ValidationError as error:
-            self.fail(f"{value!r} is not LAT,LON in degrees: {error}", param, ctx)
-        return lat, lon
+    corner = _pair(answer, ",", float) if isinstance(answer, str) else answer
+    if corner is None:
+        raise click.BadParameter(f"{answer!r} is not of the form 47.397742,8.545594")
+    try:
+        msgspec.convert({"origin_lat_deg": corner[0], "origin_lon_deg": corner[1]}, GridSection)
+    except msgspec.ValidationError as error:
+        raise click.BadParameter(f"{answer!r} is not LAT,LON in degrees: {error}") from error
+    return corner
 
 
-class Sides(click.ParamType):
-    """Cells east x north: (int, int), within the limits of `vehicle_config`."""
-
-    name = "WxH"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
-        """See `click.ParamType`."""
-        if isinstance(value, tuple):
-            return value
-        width, height = _pair(value.lower(), "x", int) or self.fail(f"{value!r} is not of the form 15x15", param, ctx)
-        return width, height
+def sides_of(text: str | tuple[int, int]) -> tuple[int, int]:
+    """Cells east x north."""
+    sides = _pair(text.lower(), "x", int) if isinstance(text, str) else text
+    if sides is None:
+        raise click.BadParameter(f"{text!r} is not of the form 15x15")
+    return sides
 
 
-class Url(click.ParamType):
+def url_of(answer: str) -> str:
     """The URL of an autopilot, as `bridge.link` takes it."""
+    from gatar_edge.bridge.link import check_url
 
-    name = "url"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """See `click.ParamType`."""
-        from gatar_edge.bridge.link import check_url
-
-        try:
-            check_url(value)
-        except LinkError as error:
-            self.fail(str(error), param, ctx)
-        return str(value)
+    try:
+        check_url(answer)
+    except LinkError as error:
+        raise click.BadParameter(str(error)) from error
+    return answer
 
 
 def _pair(text: str, separator: str, kind: type[Number]) -> tuple[Number, Number] | None:
@@ -178,12 +163,12 @@ http = {http}                  # /healthz and /metrics, such as "127.0.0.1:9100"
 )
 @click.option(
     "--origin",
-    type=Corner(),
+    type=corner_of,
     metavar="LAT,LON",
     prompt="South-west corner of the grid, LAT,LON in degrees",
     help="South-west corner of the grid, in degrees; the same on each robot.",
 )
-@click.option("--size", type=Sides(), metavar="WxH", default="15x15", show_default=True, help="Cells east x north.")
+@click.option("--size", type=sides_of, metavar="WxH", default="15x15", show_default=True, help="Cells east x north.")
 @click.option("--cell-m", type=float, default=10.0, show_default=True, help="Side of a cell, in metres.")
 @click.option("--speed-m-s", type=float, default=5.0, show_default=True, help="Cruise speed.")
 @click.option(
@@ -199,7 +184,7 @@ http = {http}                  # /healthz and /metrics, such as "127.0.0.1:9100"
 )
 @click.option(
     "--url",
-    type=Url(),
+    type=url_of,
     metavar="URL",
     prompt="Autopilot (such as udpin:127.0.0.1:14551 or serial:/dev/ttyAMA0:921600)",
     help="The autopilot: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE[:BAUD].",
@@ -254,7 +239,9 @@ http = {http}                  # /healthz and /metrics, such as "127.0.0.1:9100"
     callback=_unused,
     help="Overwrite an existing configuration; a key is never overwritten.",
 )
-def command(path: Path, force: bool, key_file: str, **options: Any) -> None:
+def command(
+    path: Path, force: bool, key_file: str, origin: tuple[float, float], size: tuple[int, int], **options: Any
+) -> None:
     """Write a commented vehicle.toml, and the team's key where there is none. Asks for what is not given.
 
     \b
@@ -266,7 +253,7 @@ def command(path: Path, force: bool, key_file: str, **options: Any) -> None:
     from gatar_edge.preflight import check_addresses, driver_config
     from gatar_edge.vehicle_config import parse_config, resolved
 
-    text = configuration(path.name, key_file, options)
+    text = configuration(path.name, origin, size, key_file, options)
     config = resolved(parse_config(text, "what you gave"), path.absolute().parent)
     check_addresses(config)
     driver_config(config)
@@ -285,7 +272,9 @@ def command(path: Path, force: bool, key_file: str, **options: Any) -> None:
     click.echo(f"\nNext: gatar vehicle --config {path} --check")
 
 
-def configuration(name: str, key_file: str, options: dict[str, Any]) -> str:
+def configuration(
+    name: str, corner: tuple[float, float], sides: tuple[int, int], key_file: str, options: dict[str, Any]
+) -> str:
     """The text of vehicle.toml."""
     peers = list(options["peers"])
     reach = f"peers = {_quoted(peers)}" if peers else f"group = {_quoted(options['group'])}"
@@ -295,10 +284,10 @@ def configuration(name: str, key_file: str, options: dict[str, Any]) -> str:
         id=options["robot_id"],
         kind=_quoted(str(options["kind"]).upper()),
         speed=options["speed_m_s"],
-        lat=options["origin"][0],
-        lon=options["origin"][1],
-        width=options["size"][0],
-        height=options["size"][1],
+        lat=corner[0],
+        lon=corner[1],
+        width=sides[0],
+        height=sides[1],
         cell=options["cell_m"],
         r_sense=options["r_sense"],
         r_comm=options["r_comm"],
