@@ -7,6 +7,7 @@ stacks, and an accepted mission is stored, not driven: so the current item is se
 
 from __future__ import annotations
 
+from collections import deque
 from enum import Enum
 
 from gatar_edge.bridge import wire
@@ -30,6 +31,7 @@ STARTS = 3
 # An upload that takes longer stops the vehicle: until it is complete, ArduPilot drives a mix of the old and the new
 # mission, straight to whatever now stands at the old index.
 MIXED_NS = NS_PER_S
+MOST_ENDS = 8  # of missions commanded one after the other before the vehicle was seen to drive one
 
 Points = tuple[tuple[float, float], ...]
 
@@ -103,7 +105,7 @@ class Retask:
         self._arrive_m, self._near_m, self._speed_m_s = arrive_m, near_m, speed_m_s
         self._progress = Progress(round(progress_s * NS_PER_S))
         self._points: Points = ()
-        self._points_before: Points = ()
+        self._ends_before: deque[tuple[float, float]] = deque(maxlen=MOST_ENDS)
         self._since_ns = self._sent_ns = self._uploaded_ns = 0
         self._starts = self._start_index = 0
         self._mode_was_other = False
@@ -111,8 +113,10 @@ class Retask:
 
     def drive(self, points: Points, now_ns: int) -> None:
         """Drive along (lat, lon) points."""
-        # the mission before may come to its end while this one is on its way
-        self._points_before, self._points = self._points, points
+        # a mission before may come to its end while this one is on its way: any that was commanded since the last that
+        # the vehicle was seen to drive, and that one itself
+        self._ends_before.extend(self._points[-1:])
+        self._points = points
         self._starts = self._start_index = 0
         self._fire(Event.DRIVE, now_ns, Status.STARTING)
 
@@ -134,7 +138,7 @@ class Retask:
     def at_end(self, seen: Telemetry) -> bool:
         """Whether leaving the mission mode now is the vehicle's own doing."""
         complete = seen.current is not None and seen.current.state == MISSION_COMPLETE
-        ends = (*self._points[-1:], *self._points_before[-1:])
+        ends = (*self._points[-1:], *self._ends_before)
         return complete or any(seen.distance_m(end) <= self._near_m for end in ends)
 
     @property
@@ -240,7 +244,8 @@ class Retask:
         going = self._current_is_first(seen) and seen.echoes(self._points[self.index(seen)], self._sent_ns)
         there = seen.distance_m(self._points[-1]) <= self._arrive_m
         if going or there:
-            self._starts, self._points_before = 0, ()
+            self._starts = 0
+            self._ends_before.clear()
             self._progress.start(self._remaining_m(seen), now_ns)
             if self._speed_m_s is not None:  # ground speed; entering the mode has set it back to the vehicle's own
                 self.commands.long(Command.DO_CHANGE_SPEED, 1.0, self._speed_m_s, -1.0)

@@ -24,6 +24,7 @@ from gatar_edge.bridge.signing import Signing, load_key, timestamp_of
 from gatar_edge.errors import ConfigError, GatarError, MissingExtraError
 from gatar_edge.keys import read_key
 from gatar_edge.message import MESSAGE_BYTES, first_seq
+from gatar_edge.own_ports import check_ports
 from gatar_edge.perception_link import local_address, unix_path
 from gatar_edge.persist import LoadOutcome, Restored, load
 from gatar_edge.transports.budget import ByteBudget
@@ -50,8 +51,7 @@ class Prepared:
     @property
     def flown(self) -> str:
         """The allocator as a replay of the log must make it."""
-        model = self.config.model
-        return f"{model.allocator}:{model.file}" if model.file else model.allocator
+        return self.config.model.flown
 
     @property
     def identity(self) -> Identity:
@@ -195,6 +195,7 @@ def check_addresses(config: VehicleConfig) -> None:
         own = parse_address(config.net.listen, "net.listen")
         if config.net.group:
             parse_group(config.net.group, own, config.net.listen)
+    check_ports(config)
 
 
 def _check_peers(config: VehicleConfig) -> None:

@@ -1,6 +1,7 @@
 """The daemon's configuration: one TOML file -> one frozen value. Every error is one line that names the field's path.
 
-Paths in the file are relative to the folder of the file. Checks that need more than the file (keys, models, addresses)
+Paths in the file are relative to the folder of the file, also those within a value: the model in "gatar:FILE", the
+socket in "unix:PATH". Checks that need more than the file (keys, models, addresses)
 are made by `preflight`.
 """
 
@@ -67,8 +68,19 @@ class TeamSection(_Section, frozen=True, kw_only=True):
 class ModelSection(_Section, frozen=True, kw_only=True):
     """What decides."""
 
-    allocator: str = "gatar"
+    allocator: _Path = "gatar"  # by name; "gatar:FILE" is the name and the file in one
     file: _Path = ""  # an ONNX file; empty: the one that is shipped
+
+    def __post_init__(self) -> None:
+        if self.file and ":" in self.allocator:
+            raise ValueError(
+                f"allocator {self.allocator!r} and file {self.file!r} both name a model: leave one of them out"
+            )
+
+    @property
+    def flown(self) -> str:
+        """The allocator as `allocators.registry.make` takes it."""
+        return f"{self.allocator}:{self.file}" if self.file else self.allocator
 
 
 class NetSection(_Section, frozen=True, kw_only=True):
@@ -226,17 +238,24 @@ def read_config(path: Path) -> VehicleConfig:
         raise ConfigError(f"{path} cannot be read ({error.strerror}): `gatar init` writes one") from error
     if len(text) > MAX_CONFIG_BYTES:
         raise ConfigError(f"{path} is larger than {MAX_CONFIG_BYTES} bytes: not a configuration")
-    return _resolved(parse_config(text, str(path)), path.absolute().parent)
+    return resolved(parse_config(text, str(path)), path.absolute().parent)
 
 
-def _resolved(config: VehicleConfig, folder: Path) -> VehicleConfig:
+def resolved(config: VehicleConfig, folder: Path) -> VehicleConfig:
+    """The configuration of a file in `folder`, with paths made absolute."""
+
     def at(path: str) -> str:
         return str(folder / path) if path else ""
 
     replace = msgspec.structs.replace
+    rule, colon, file = config.model.allocator.partition(":")
+    model = replace(config.model, allocator=rule, file=file) if rule == "gatar" and colon else config.model
+    scheme, colon, socket = config.perception.listen.partition(":")
+    listen = f"unix:{at(socket)}" if scheme == "unix" and colon else config.perception.listen
     return replace(
         config,
-        model=replace(config.model, file=at(config.model.file)),
+        model=replace(model, file=at(model.file)),
+        perception=replace(config.perception, listen=listen),
         net=replace(config.net, key_file=at(config.net.key_file), zenoh_config=at(config.net.zenoh_config)),
         vehicle=replace(config.vehicle, signing_key_file=at(config.vehicle.signing_key_file)),
         log=replace(config.log, folder=at(config.log.folder)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import click
@@ -17,3 +18,9 @@ class FiniteRange(click.FloatRange):
         if not math.isfinite(number):
             self.fail(f"{value!r} is no finite number", param, ctx)
         return number
+
+
+def anchored(allocator: str) -> str:
+    """The allocator with the model of "gatar:FILE" where the caller stands, for a file in another folder."""
+    rule, _, file = allocator.partition(":")
+    return f"{rule}:{Path(file).absolute()}" if file else allocator

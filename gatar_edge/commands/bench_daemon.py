@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gatar_edge.commands._options import FiniteRange
+from gatar_edge.commands._options import FiniteRange, anchored
 from gatar_edge.errors import LinkError
 
 if TYPE_CHECKING:
@@ -151,7 +151,7 @@ def _configured(
         "r_sense": 4.0,
         "r_comm": 6.0,
         "altitude_m": 20.0,
-        "allocator": allocator,
+        "allocator": anchored(allocator),
         "url": f"udpout:127.0.0.1:{others[0]}",
         "listen": f"127.0.0.1:{ports[0]}",
         "peers": [f"127.0.0.1:{others[1]}"],

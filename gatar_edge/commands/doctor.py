@@ -12,7 +12,12 @@ COLORS = {"OK": "green", "WARN": "yellow", "FAIL": "red"}
 
 
 @click.command("doctor")
-@click.option("--vehicle", "url", help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE[:BAUD].")
+@click.option(
+    "--vehicle",
+    "url",
+    metavar="URL",
+    help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE[:BAUD].  [default: the configuration's]",
+)
 @click.option("--sysid", type=click.IntRange(1, 255), help="MAVLink system of the vehicle, where several are heard.")
 @click.option(
     "--config",
@@ -20,8 +25,14 @@ COLORS = {"OK": "green", "WARN": "yellow", "FAIL": "red"}
     type=click.Path(path_type=Path, dir_okay=False),
     help="The vehicle.toml of its daemon: gives link and system, and adds checks of grid, fence and altitude.",
 )
-@click.option("--timeout-s", type=FiniteRange(1, 600), default=15.0, show_default=True)
-@click.option("--json", "as_json", is_flag=True, help="For machines.")
+@click.option(
+    "--timeout-s",
+    type=FiniteRange(1, 600),
+    default=15.0,
+    show_default=True,
+    help="End after this long with what was heard; a vehicle that answers takes 8 to 10.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print for machines.")
 @click.pass_context
 def command(
     context: click.Context,
@@ -33,7 +44,8 @@ def command(
 ) -> None:
     """Check a vehicle before its mission: OK, WARN or FAIL, each with one sentence and how to mend it.
 
-    Asks for messages and parameters only: nothing is armed, moved or set. Run it while the daemon is not running.
+    Needs --vehicle or --config. Asks for messages and parameters only: nothing is armed, moved or set. Run it while
+    the daemon is not running: it reads the same link.
     Exit code 0: no FAIL; 1: a FAIL; 2: no link, or options that cannot be.
 
     \b

@@ -23,10 +23,24 @@ SILENT_S = 3.0
 
 
 @click.command("fleet")
-@click.option("--config", "config_path", type=click.Path(path_type=Path), help="A vehicle.toml of the team.")
-@click.option("--key", "key_path", type=click.Path(path_type=Path), help="The team's key, without --config.")
-@click.option("--listen", help="HOST:PORT where messages arrive.  [default: the configuration's, or 0.0.0.0:14600]")
-@click.option("--group", help="Multicast group.  [default: the configuration's]")
+@click.option(
+    "--config",
+    "config_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="A vehicle.toml of the team: gives key, address and group.",
+)
+@click.option(
+    "--key",
+    "key_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="The team's key.  [default: the configuration's]",
+)
+@click.option(
+    "--listen",
+    metavar="HOST:PORT",
+    help="Where messages arrive.  [default: the configuration's, or 0.0.0.0:14600]",
+)
+@click.option("--group", metavar="HOST:PORT", help="Multicast group to hear.  [default: the configuration's, or none]")
 @click.option("--seconds", type=FiniteRange(0.1, 1e9), help="End after this long.  [default: never]")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a second instead of a table.")
 def command(
@@ -39,7 +53,8 @@ def command(
 ) -> None:
     """Show who is there, where, on what task, how old, over how many hops, and how much is lost. Sends nothing.
 
-    Hears a multicast group beside the daemons; where robots send to a list of peers, add this machine to their lists.
+    Needs --config or --key. Hears UDP: a multicast group beside the daemons; where robots send to a list of peers, add
+    this machine to their lists, and give --listen a port that no daemon on it has.
 
     \b
     Example:
@@ -54,6 +69,10 @@ def command(
         from gatar_edge.vehicle_config import read_config
 
         net = read_config(config_path).net
+        if net.transport != "udp":
+            raise ConfigError(
+                f"{config_path}: net.transport is {net.transport!r}, and the fleet is heard over udp only"
+            )
         key_path = key_path or Path(net.key_file)
         listen, group = listen or net.listen, group or net.group
     if key_path is None:

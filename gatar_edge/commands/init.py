@@ -6,13 +6,66 @@ import json
 import os
 import secrets
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import click
 
-from gatar_edge.errors import ConfigError
+from gatar_edge.errors import ConfigError, LinkError
 
 Number = TypeVar("Number", int, float)
+
+
+def corner_of(answer: str | tuple[float, float]) -> tuple[float, float]:
+    """LAT,LON in degrees within the limits of `vehicle_config`; click hands an answer in twice."""
+    import msgspec
+
+    from gatar_edge.vehicle_config import GridSection
+
+    corner = _pair(answer, ",", float) if isinstance(answer, str) else answer
+    if corner is None:
+        raise click.BadParameter(f"{answer!r} is not of the form 47.397742,8.545594")
+    try:
+        msgspec.convert({"origin_lat_deg": corner[0], "origin_lon_deg": corner[1]}, GridSection)
+    except msgspec.ValidationError as error:
+        raise click.BadParameter(f"{answer!r} is not LAT,LON in degrees: {error}") from error
+    return corner
+
+
+def sides_of(text: str | tuple[int, int]) -> tuple[int, int]:
+    """Cells east x north."""
+    sides = _pair(text.lower(), "x", int) if isinstance(text, str) else text
+    if sides is None:
+        raise click.BadParameter(f"{text!r} is not of the form 15x15")
+    return sides
+
+
+def url_of(answer: str) -> str:
+    """The URL of an autopilot, as `bridge.link` takes it."""
+    from gatar_edge.bridge.link import check_url
+
+    try:
+        check_url(answer)
+    except LinkError as error:
+        raise click.BadParameter(str(error)) from error
+    return answer
+
+
+def _pair(text: str, separator: str, kind: type[Number]) -> tuple[Number, Number] | None:
+    try:
+        first, second = (kind(part) for part in text.split(separator))
+    except ValueError:
+        return None
+    return first, second
+
+
+def _unused(context: click.Context, param: click.Parameter, value: Any) -> Any:
+    """Tell that the file exists before any question: of --config and --force, whichever comes last."""
+    given = context.params | {param.name: value}
+    path = given.get("path")
+    if path is not None and given.get("force") is False and path.exists():
+        raise ConfigError(f"{path} exists: --force overwrites it, --config writes another")
+    return value
+
 
 TEMPLATE = """\
 # One robot of a gatar-edge team. `gatar vehicle --config {name} --check` says what it would do.
@@ -91,42 +144,104 @@ http = {http}                  # /healthz and /metrics, such as "127.0.0.1:9100"
     type=click.Path(path_type=Path, dir_okay=False),
     default=Path("vehicle.toml"),
     show_default=True,
-    help="The file to write.",
+    is_eager=True,
+    callback=_unused,
+    help="The file to write; other paths in it are relative to its folder.",
 )
-@click.option("--id", "robot_id", type=click.IntRange(1, 65535), prompt="Robot's number in the team", help="Unique.")
 @click.option(
-    "--kind", type=click.Choice(["UAV", "UGV"], case_sensitive=False), prompt="Kind of vehicle", help="Flies or drives."
+    "--id",
+    "robot_id",
+    type=click.IntRange(1, 255),  # a larger one needs vehicle.sysid, which is not asked for
+    prompt="Robot's number in the team",
+    help="Unique in the team; also the MAVLink system of its autopilot.",
 )
-@click.option("--origin", prompt="South-west corner of the grid, LAT,LON in degrees", help="LAT,LON of the grid.")
-@click.option("--size", default="15x15", show_default=True, help="Cells east x north.")
-@click.option("--cell-m", type=float, default=10.0, show_default=True, help="Side of a cell.")
+@click.option(
+    "--kind",
+    type=click.Choice(["UAV", "UGV"], case_sensitive=False),
+    prompt="Kind of vehicle",
+    help="UAV: flies; UGV: drives.",
+)
+@click.option(
+    "--origin",
+    type=corner_of,
+    metavar="LAT,LON",
+    prompt="South-west corner of the grid, LAT,LON in degrees",
+    help="South-west corner of the grid, in degrees; the same on each robot.",
+)
+@click.option("--size", type=sides_of, metavar="WxH", default="15x15", show_default=True, help="Cells east x north.")
+@click.option("--cell-m", type=float, default=10.0, show_default=True, help="Side of a cell, in metres.")
 @click.option("--speed-m-s", type=float, default=5.0, show_default=True, help="Cruise speed.")
-@click.option("--altitude-m", type=float, default=20.0, show_default=True, help="A layer for each UAV.")
+@click.option(
+    "--altitude-m", type=float, default=20.0, show_default=True, help="Above home; each UAV needs its own layer."
+)
 @click.option("--r-sense", type=float, default=4.0, show_default=True, help="Sight of the perception, in cells.")
-@click.option("--r-comm", type=float, default=6.0, show_default=True, help="Reach of the team's graph, in cells.")
+@click.option(
+    "--r-comm",
+    type=float,
+    default=6.0,
+    show_default=True,
+    help="Cells within which robots count as neighbours; at most what the radio reaches.",
+)
 @click.option(
     "--url",
+    type=url_of,
+    metavar="URL",
     prompt="Autopilot (such as udpin:127.0.0.1:14551 or serial:/dev/ttyAMA0:921600)",
-    help="The autopilot: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD.",
+    help="The autopilot: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE[:BAUD].",
 )
-@click.option("--allocator", default="gatar", show_default=True, help="What decides: gatar, greedy, routing, ...")
-@click.option("--listen", default="0.0.0.0:14600", show_default=True, help="Where neighbours are heard.")
-@click.option("--peer", "peers", multiple=True, help="HOST:PORT of a neighbour; may be repeated.")
 @click.option(
-    "--group", default="239.255.71.1:14600", show_default=True, help="Multicast group, where no peer is given."
+    "--allocator",
+    default="gatar",
+    show_default=True,
+    help="What decides: gatar, gatar:MODEL.onnx, greedy, nearest, hungarian, routing, ...",
 )
-@click.option("--perception", default="127.0.0.1:14700", show_default=True, help="Where observations come in.")
+@click.option(
+    "--listen",
+    metavar="HOST:PORT",
+    default="0.0.0.0:14600",
+    show_default=True,
+    help="Where neighbours are heard.",
+)
+@click.option(
+    "--peer", "peers", metavar="HOST:PORT", multiple=True, help="A neighbour; may be repeated. None: multicast."
+)
+@click.option(
+    "--group",
+    metavar="HOST:PORT",
+    default="239.255.71.1:14600",
+    show_default=True,
+    help="Multicast group, where no peer is given; the port is that of --listen.",
+)
+@click.option(
+    "--perception",
+    metavar="HOST:PORT",
+    default="127.0.0.1:14700",
+    show_default=True,
+    help="Where observations come in; or unix:PATH.",
+)
 @click.option(
     "--launch",
     type=click.Choice(["armed", "auto"]),
     default="armed",
     show_default=True,
-    help="auto: arms the vehicle by itself, for simulators only.",
+    help="armed: takes over once a person has armed it; auto: arms it by itself, for simulators only.",
 )
-@click.option("--http", default="", help="HOST:PORT of /healthz and /metrics.")
-@click.option("--key-file", default="team.key", show_default=True, help="Made where there is none.")
-@click.option("--force", is_flag=True, help="Overwrite an existing configuration; a key is never overwritten.")
-def command(path: Path, force: bool, key_file: str, origin: str, size: str, **options: object) -> None:
+@click.option(
+    "--http", metavar="HOST:PORT", default="", help="Where /healthz and /metrics are served.  [default: nowhere]"
+)
+@click.option(
+    "--key-file", default="team.key", show_default=True, help="The team's key, beside the file; made where none is."
+)
+@click.option(
+    "--force",
+    is_flag=True,
+    is_eager=True,
+    callback=_unused,
+    help="Overwrite an existing configuration; a key is never overwritten.",
+)
+def command(
+    path: Path, force: bool, key_file: str, origin: tuple[float, float], size: tuple[int, int], **options: Any
+) -> None:
     """Write a commented vehicle.toml, and the team's key where there is none. Asks for what is not given.
 
     \b
@@ -136,17 +251,13 @@ def command(path: Path, force: bool, key_file: str, origin: str, size: str, **op
     from gatar_edge.allocators.registry import make
     from gatar_edge.keys import read_key
     from gatar_edge.preflight import check_addresses, driver_config
-    from gatar_edge.vehicle_config import parse_config
+    from gatar_edge.vehicle_config import parse_config, resolved
 
-    corner = _pair(origin, ",", float, "--origin", "47.397742,8.545594")
-    sides = _pair(size.lower(), "x", int, "--size", "15x15")
-    text = configuration(path.name, corner, sides, key_file, options)
-    config = parse_config(text, "what you gave")
+    text = configuration(path.name, origin, size, key_file, options)
+    config = resolved(parse_config(text, "what you gave"), path.absolute().parent)
     check_addresses(config)
     driver_config(config)
-    make(config.model.allocator)
-    if path.exists() and not force:
-        raise ConfigError(f"{path} exists: --force overwrites it, --config writes another")
+    make(config.model.flown)
     key_path = path.parent / key_file
     made = make_key(key_path)
     read_key(key_path)
@@ -162,10 +273,10 @@ def command(path: Path, force: bool, key_file: str, origin: str, size: str, **op
 
 
 def configuration(
-    name: str, corner: tuple[float, float], sides: tuple[int, int], key_file: str, options: dict[str, object]
+    name: str, corner: tuple[float, float], sides: tuple[int, int], key_file: str, options: dict[str, Any]
 ) -> str:
     """The text of vehicle.toml."""
-    peers = list(options["peers"])  # type: ignore[call-overload]
+    peers = list(options["peers"])
     reach = f"peers = {_quoted(peers)}" if peers else f"group = {_quoted(options['group'])}"
     quoted = {key: _quoted(options[key]) for key in ("url", "allocator", "listen", "perception", "launch", "http")}
     return TEMPLATE.format(
@@ -187,17 +298,9 @@ def configuration(
     )
 
 
-def _quoted(value: object) -> str:
+def _quoted(value: Any) -> str:
     """As TOML writes it: like JSON, but that it takes no halves of characters."""
     return json.dumps(value, ensure_ascii=False)
-
-
-def _pair(text: str, separator: str, kind: type[Number], option: str, example: str) -> tuple[Number, Number]:
-    try:
-        first, second = (kind(part) for part in text.split(separator))
-    except ValueError:
-        raise ConfigError(f"{option} {text!r} is not of the form {example}") from None
-    return first, second
 
 
 def make_key(path: Path) -> bool:

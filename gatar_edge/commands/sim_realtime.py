@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gatar_edge.commands._options import anchored
 from gatar_edge.errors import LinkError
 
 if TYPE_CHECKING:
@@ -131,7 +132,7 @@ def write_configurations(
             "r_sense": config.agent.r_sense,
             "r_comm": config.agent.r_comm,
             "altitude_m": config.altitude_m + config.altitude_step_m * robot_id,
-            "allocator": allocator,
+            "allocator": anchored(allocator),
             "url": f"udpout:{HOST}:{vehicles_port}",
             "listen": f"{HOST}:{base_port + robot_id}",
             "peers": [f"{HOST}:{base_port}"],

@@ -16,16 +16,19 @@ import click
     type=click.Path(path_type=Path, dir_okay=False),
     default=Path("vehicle.toml"),
     show_default=True,
-    help="What `gatar init` wrote.",
+    help="What `gatar init` wrote; paths in it are relative to its folder.",
 )
-@click.option("--check", is_flag=True, help="Validate everything offline, say what would be done, and end.")
+@click.option(
+    "--check", is_flag=True, help="Validate the configuration without opening a port, say what would be done, and end."
+)
 @click.option("--dry-run", is_flag=True, help="Shadow mode: hear, decide and log, but send the vehicle no command.")
-@click.option("-v", "--verbose", is_flag=True, help="Say more.")
+@click.option("-v", "--verbose", is_flag=True, help="Log debug messages, too.")
 def command(config_path: Path, check: bool, dry_run: bool, verbose: bool) -> None:
     """Run the daemon of one vehicle: it hears its autopilot, its perception and its neighbours, decides, and commands.
 
     Ends on SIGTERM or SIGINT, with the vehicle holding, or as vehicle.on_stop says. SIGUSR1 takes the vehicle back
-    after a pilot has taken over. What happens when something fails is told in docs/failsafe.md.
+    after a pilot has taken over. Exit code 2: the configuration cannot be used, or a port or device is not to be had.
+    What happens when something fails in flight is told in docs/failsafe.md.
 
     \b
     Example:

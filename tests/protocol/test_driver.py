@@ -33,6 +33,7 @@ class Flight:
         self.events: list[str] = []
         self.statuses: list[Status] = []
         self.wanted: VehicleCommand | None = None
+        self.deaf = False  # the vehicle hears nothing
         self.pursued: VehicleCommand | None = None
 
     def run(self, seconds: float) -> None:
@@ -40,7 +41,8 @@ class Flight:
             self.now += STEP
             if self.wanted is not None:
                 self.pursued = self.driver.command(self.wanted, self.now)
-            down = self.vehicle.poll(self.now, self.driver.poll(self.now))
+            up = self.driver.poll(self.now)
+            down = self.vehicle.poll(self.now, b"" if self.deaf else up)
             self.driver.receive(down, self.now)
             self.events += [f"{e.kind.value}: {e.text}" for e in self.driver.events()]
             self.statuses.append(self.driver.status)
@@ -108,6 +110,24 @@ def test_a_retasked_rover_starts_its_new_mission_at_the_first_waypoint(stack: st
     assert (5, 2) in visited
     assert flight.driver.state(flight.now).cell == (9, 2)
     assert flight.driver.status is Status.ARRIVED
+
+
+@pytest.mark.parametrize("retasks", [1, 2, 3])
+@pytest.mark.parametrize("stack", ["ardupilot-rover", "px4-rover"])
+def test_the_end_of_a_mission_is_no_pilot_s_doing_however_often_the_rover_was_retasked(
+    stack: str, retasks: int
+) -> None:
+    flight = Flight(stack).launched()
+    flight.go(Mission(((2, 5),)), 3)
+    assert flight.driver.status is Status.PURSUING
+    flight.deaf = True
+    for cell in ((2, 8), (6, 5), (9, 8))[:retasks]:
+        flight.go(Mission((cell,)), 1)
+    flight.run(4)  # it comes to the end of what it was told first
+    flight.deaf = False
+    flight.run(20)
+    assert not [event for event in flight.events if event.startswith("pilot")]
+    assert flight.driver.status in (Status.PURSUING, Status.ARRIVED)
 
 
 def test_the_same_command_again_sends_nothing() -> None:

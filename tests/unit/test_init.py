@@ -11,6 +11,7 @@ from click.testing import CliRunner, Result
 from gatar_edge.commands.init import command
 from gatar_edge.errors import ConfigError, GatarError
 from gatar_edge.keys import read_key
+from gatar_edge.policy import DEFAULT_MODEL
 from gatar_edge.vehicle_config import VehicleConfig, read_config
 
 GIVEN = ("--id", "3", "--kind", "uav", "--origin", "47.4,-8.5", "--url", "udpin:127.0.0.1:14551")
@@ -63,16 +64,14 @@ def test_an_existing_configuration_and_key_are_kept(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--origin", "47.4"), "--origin"),
-        (("--size", "15"), "--size"),
         (("--size", "0x5"), "$.grid.width"),
-        (("--origin", "95,0"), "$.grid.origin_lat_deg"),
         (("--speed-m-s", "nan"), "$.robot.speed_m_s"),
         (("--allocator", "best"), "allocator 'best' is unknown"),
-        (("--url", "nonsense"), "use udpin:"),
         (("--listen", "nonsense"), "net.listen 'nonsense'"),
         (("--group", "10.0.0.1:14600"), "is not in 224.0.0.0"),
         (("--perception", "0.0.0.0:14700"), "perception.listen"),
+        (("--perception", "127.0.0.1:14600"), "perception.listen '127.0.0.1:14600' and net.listen"),
+        (("--allocator", "gatar:absent.onnx"), "absent.onnx"),
         (("--http", "nonsense"), "watch.http 'nonsense'"),
         (("--altitude-m", "300"), "altitude_band_m"),
         (("--key-file", "absent/team.key"), "absent/team.key cannot be made"),
@@ -83,6 +82,58 @@ def test_a_wrong_value_is_one_line_and_writes_nothing(tmp_path: Path, arguments:
         init(tmp_path, *GIVEN, *arguments)
     assert words in str(caught.value)
     assert not (tmp_path / "vehicle.toml").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--origin", "47.4"), "'47.4' is not of the form 47.397742,8.545594"),
+        (("--origin", "95,0"), "$.origin_lat_deg"),
+        (("--origin", "0,nan"), "$.origin_lon_deg"),
+        (("--size", "15"), "'15' is not of the form 15x15"),
+        (("--url", "nonsense"), "use udpin:"),
+        (("--id", "300"), "1<=x<=255"),
+    ],
+)
+def test_a_wrong_option_is_told_before_any_question(tmp_path: Path, arguments: tuple[str, str], words: str) -> None:
+    result = init(tmp_path, *arguments)
+    assert result.exit_code == 2
+    assert f"'{arguments[0]}'" in result.output
+    assert words in result.output
+    assert "Kind of vehicle" not in result.output
+
+
+@pytest.mark.parametrize(
+    ("answers", "question"),
+    [
+        ("7\nUGV\nParis\n91,0\n1.5,2.5\nserial:/dev/ttyACM0\n", "South-west corner"),
+        ("7\nUGV\n1.5,2.5\n/dev/ttyACM0\nudpin:nowhere\nserial:/dev/ttyACM0\n", "Autopilot"),
+    ],
+)
+def test_a_wrong_answer_is_told_at_once_and_asked_for_again(tmp_path: Path, answers: str, question: str) -> None:
+    result = init(tmp_path, answers=answers)
+    assert result.exit_code == 0
+    assert (result.output.count("Error: "), result.output.count(question)) == (2, 3)
+    config = read_config(tmp_path / "vehicle.toml")
+    assert (config.grid.origin_lat_deg, config.vehicle.url) == (1.5, "serial:/dev/ttyACM0")
+
+
+@pytest.mark.parametrize("force", [(), ("--force",)])
+def test_an_existing_configuration_is_told_of_before_any_question(tmp_path: Path, force: tuple[str, ...]) -> None:
+    (tmp_path / "vehicle.toml").write_text("precious")
+    if force:
+        assert init(tmp_path, *force, answers="7\nUGV\n1.5,2.5\nserial:/dev/ttyACM0\n").exit_code == 0
+        return
+    with pytest.raises(ConfigError, match="--force overwrites it"):
+        init(tmp_path)
+    assert (tmp_path / "vehicle.toml").read_text() == "precious"
+
+
+def test_a_model_beside_the_file_is_found_from_any_folder(tmp_path: Path) -> None:
+    (tmp_path / "mine.onnx").symlink_to(DEFAULT_MODEL)
+    assert init(tmp_path, *GIVEN, "--allocator", "gatar:mine.onnx").exit_code == 0
+    model = read_config(tmp_path / "vehicle.toml").model
+    assert (model.allocator, model.file) == ("gatar", str(tmp_path / "mine.onnx"))
 
 
 def test_names_may_be_of_any_language(tmp_path: Path) -> None:

@@ -15,10 +15,12 @@ from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.bridge.signing import timestamp_of
 from gatar_edge.commands.init import command as init
 from gatar_edge.driver_memory import DriverMemory
-from gatar_edge.errors import GatarError, ModelError
+from gatar_edge.errors import ConfigError, GatarError, ModelError
+from gatar_edge.own_ports import check_ports
 from gatar_edge.persist import encode_state, snapshot, write_atomically
 from gatar_edge.policy import DEFAULT_MODEL
 from gatar_edge.preflight import Prepared, anchored_clock, describe, make_allocator, prepare
+from gatar_edge.runinfo import model_file
 from gatar_edge.types import NS_PER_S, RobotKind, RobotState
 from gatar_edge.vehicle_config import read_config
 from gatar_edge.view import build_view
@@ -45,6 +47,10 @@ def written(folder: Path, *arguments: str) -> Path:
     return path
 
 
+PEERS = 'peers = ["127.0.0.1:14602"]'
+TRANSPORT = 'transport = "udp"\nlisten = "0.0.0.0:14600"'
+
+
 def check(path: Path) -> Prepared:
     return prepare(read_config(path), NOW_NS)
 
@@ -56,6 +62,81 @@ def test_a_good_configuration_is_described_with_what_it_would_do(tmp_path: Path)
     assert "greedy 5 times a second" in text
     assert "635 of 32768 bytes/s" in text
     assert "shadow mode: no command is sent" in "\n".join(describe(prepared, dry_run=True))
+
+
+@pytest.mark.parametrize("name", ['"gatar:mine.onnx"', '"gatar"\nfile = "mine.onnx"'])
+def test_a_model_beside_the_configuration_is_flown_from_any_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    path = written(tmp_path)
+    (tmp_path / "mine.onnx").symlink_to(DEFAULT_MODEL)
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    edit('allocator = "greedy"', f"allocator = {name}")(tmp_path)
+    prepared = check(path)
+    assert prepared.flown == f"gatar:{tmp_path}/mine.onnx"
+    assert (prepared.allocator.name, model_file(prepared.flown)) == ("gatar", tmp_path / "mine.onnx")
+    edit("r_sense = 4.0", "r_sense = 99.0")(tmp_path)
+    with pytest.raises(ModelError, match="the robot is configured to 99"):
+        check(path)
+
+
+GROUP = 'group = "239.255.71.1:14600"'
+ZENOH = 'transport = "zenoh"\nlisten = "tcp/[::]:14600"'
+
+
+@pytest.mark.parametrize(
+    ("changes", "fields"),
+    [
+        ({"127.0.0.1:14700": "127.0.0.1:14600"}, ("perception.listen", "net.listen")),
+        ({"127.0.0.1:14700": "localhost:14551"}, ("perception.listen", "vehicle.url")),
+        ({"udpin:127.0.0.1:14551": "udpin:0.0.0.0:14600"}, ("vehicle.url", "net.listen")),
+        ({"udpin:127.0.0.1:14551": "udpin://[::]:14600"}, ("vehicle.url", "net.listen")),
+        (
+            {"0.0.0.0:14600": "127.0.0.2:14600", PEERS: GROUP, "127.0.0.1:14700": "127.0.0.1:14600"},
+            ("perception.listen", "net.listen"),
+        ),
+        ({'http = ""': 'http = "127.0.0.1:14600"', TRANSPORT: ZENOH}, ("watch.http", "net.listen")),
+    ],
+)
+def test_two_sockets_on_one_port_are_one_line_with_both_fields(
+    tmp_path: Path, changes: dict[str, str], fields: tuple[str, str]
+) -> None:
+    path = written(tmp_path)
+    for old, new in changes.items():
+        edit(old, new)(tmp_path)
+    with pytest.raises(GatarError) as caught:
+        check_ports(read_config(path))
+    one, other = fields
+    assert str(caught.value).startswith(f"{one} '")
+    assert f" and {other} '" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {'http = ""': 'http = "127.0.0.1:14600"'},  # TCP beside UDP
+        {"0.0.0.0:14600": "127.0.0.2:14600", "127.0.0.1:14700": "127.0.0.1:14600"},
+        {"0.0.0.0:14600": "0.0.0.0:0", "127.0.0.1:14700": "127.0.0.1:0"},  # the system chooses
+        {"127.0.0.1:14700": "unix:14600"},
+        {"udpin:127.0.0.1:14551": "udpout:127.0.0.1:14600"},  # another machine's, or a simulator's
+        {TRANSPORT: ZENOH, "127.0.0.1:14700": "127.0.0.1:14600"},
+        {TRANSPORT: 'transport = "mavlink"\nlisten = "0.0.0.0:14600"', "127.0.0.1:14700": "127.0.0.1:14600"},
+    ],
+)
+def test_sockets_that_do_not_meet_may_have_one_port(tmp_path: Path, changes: dict[str, str]) -> None:
+    path = written(tmp_path)
+    for old, new in changes.items():
+        edit(old, new)(tmp_path)
+    check_ports(read_config(path))
+
+
+def test_ports_that_collide_are_found_by_the_check(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    edit("127.0.0.1:14700", "127.0.0.1:14600")(tmp_path)
+    with pytest.raises(ConfigError, match=r"perception\.listen '127\.0\.0\.1:14600' and net\.listen"):
+        check(path)
 
 
 def test_a_model_that_was_trained_for_something_else_is_refused_with_both_values(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from click.testing import CliRunner, Result
 from gatar_edge.commands.sim import command, fleet_config, print_table
 from gatar_edge.commands.sim_realtime import write_configurations
 from gatar_edge.errors import ConfigError, GatarError, LinkError
+from gatar_edge.policy import DEFAULT_MODEL
 from gatar_edge.sim_sitl.tally import Tally
 from gatar_edge.vehicle_config import read_config
 
@@ -85,3 +86,13 @@ def test_a_port_in_use_is_the_only_line_and_nothing_is_written(tmp_path: Path) -
     assert isinstance(done.exception, LinkError)
     assert done.output == ""
     assert not (tmp_path / "team").exists()
+
+
+def test_daemons_find_the_model_that_was_named_from_where_the_command_was_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mine.onnx").symlink_to(DEFAULT_MODEL)
+    monkeypatch.chdir(tmp_path)
+    config = fleet_config(team="1A0G", seed=1)
+    (path,) = write_configurations(config, "gatar:mine.onnx", 14550, tmp_path / "daemons", 20000)
+    assert read_config(path).model.file == str(tmp_path / "mine.onnx")

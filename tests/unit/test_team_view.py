@@ -104,3 +104,19 @@ def test_the_command_prints_the_team_it_hears_as_json(tmp_path: Path) -> None:
 def test_without_a_key_there_is_nothing_to_show() -> None:
     result = CliRunner().invoke(command, [])
     assert isinstance(result.exception, ConfigError)
+
+
+@pytest.mark.parametrize(
+    "net", ['transport = "mavlink"', 'transport = "zenoh"\nlisten = "tcp/0.0.0.0:7447"'], ids=["mavlink", "zenoh"]
+)
+def test_a_team_that_does_not_talk_over_udp_is_told_at_once(tmp_path: Path, net: str) -> None:
+    config = tmp_path / "vehicle.toml"
+    config.write_text(
+        '[robot]\nid = 3\nkind = "UAV"\n[grid]\norigin_lat_deg = 47.0\norigin_lon_deg = 8.0\n'
+        f'[vehicle]\nurl = "udpin:127.0.0.1:14550"\n[net]\nkey_file = "team.key"\n{net}\n'
+    )
+    (tmp_path / "team.key").write_bytes(DEMO_KEY)
+    (tmp_path / "team.key").chmod(0o600)
+    result = CliRunner().invoke(command, ["--config", str(config), "--seconds", "0.2"])
+    assert isinstance(result.exception, ConfigError)
+    assert "the fleet is heard over udp only" in str(result.exception)

@@ -57,8 +57,34 @@ def test_paths_are_relative_to_the_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("value", "file"), [("gatar:m.onnx", "{here}/m.onnx"), ("gatar:/abs/m.onnx", "/abs/m.onnx"), ("gatar:", "")]
+)
+def test_the_model_in_the_name_of_the_allocator_is_relative_to_the_file_too(
+    tmp_path: Path, value: str, file: str
+) -> None:
+    (tmp_path / "vehicle.toml").write_text(SMALLEST + f'[model]\nallocator = "{value}"\n')
+    model = read_config(tmp_path / "vehicle.toml").model
+    assert (model.allocator, model.file) == ("gatar", file.format(here=tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("value", "listen"),
+    [
+        ("unix:eyes.sock", "unix:{here}/eyes.sock"),
+        ("unix:/run/eyes.sock", "unix:/run/eyes.sock"),
+        ("unix:", "unix:"),
+        ("127.0.0.1:14700", "127.0.0.1:14700"),
+    ],
+)
+def test_a_socket_file_is_relative_to_the_file_too(tmp_path: Path, value: str, listen: str) -> None:
+    (tmp_path / "vehicle.toml").write_text(SMALLEST + f'[perception]\nlisten = "{value}"\n')
+    assert read_config(tmp_path / "vehicle.toml").perception.listen == listen.format(here=tmp_path)
+
+
+@pytest.mark.parametrize(
     ("change", "words"),
     [
+        (("[robot]", "[model]\nallocator = 'gatar:a.onnx'\nfile = 'b.onnx'\n[robot]"), "both name a model"),
         (("[net]", "[net]\nrate_hs = 3"), "unknown field rate_hs - at $.net"),
         (("id = 3", ""), "missing field id - at $.robot"),
         (('kind = "UGV"', 'kind = "boat"'), "$.robot.kind"),
