@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
+from made_once import keep_in
+
+# How long an example takes tells of the machine, not of what is tested.
+settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any machine")
 
 
 @pytest.fixture(scope="session")
@@ -16,6 +23,19 @@ def shared_folder() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no reference data at {folder}: set GATAR_SHARED")
     return folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _folder_of_the_run(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> None:
+    """One folder for all processes of pytest-xdist: each has its own below it."""
+    own = tmp_path_factory.getbasetemp()
+    keep_in(own.parent if hasattr(request.config, "workerinput") else own)
+
+
+def pytest_collection_finish() -> None:
+    """What was imported stays: without this each collection of garbage walks through all of torch again."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

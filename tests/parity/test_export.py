@@ -6,7 +6,7 @@ import numpy as np
 import onnx
 import pytest
 from click.testing import CliRunner
-from learning import tiny_run
+from learning import tiny_model, tiny_run
 from safetensors.torch import load_file, save_file
 
 from gatar_edge.commands.verify import command as verify_command
@@ -28,10 +28,8 @@ def few_states():
 
 
 @pytest.fixture(scope="module")
-def exported(tmp_path_factory):
-    out = tmp_path_factory.mktemp("export") / "tiny.onnx"
-    export(tiny_run(), out)
-    return out
+def exported():
+    return tiny_model()
 
 
 def test_the_file_is_proved_equal_for_every_team_size(exported):
