@@ -32,10 +32,27 @@ def _folder_of_the_run(tmp_path_factory: pytest.TempPathFactory, request: pytest
     keep_in(own.parent if hasattr(request.config, "workerinput") else own)
 
 
+@pytest.fixture(scope="session")
+def compiled() -> None:
+    """Numba's loops: without its cache one process of a run compiles them for a minute, and the others wait."""
+    from learning import tiny_data
+
+    tiny_data()
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Among several processes the files with slow tests come first, else one is left alone with them at the end."""
+    if hasattr(config, "workerinput"):
+        slow = {item.path for item in items if item.get_closest_marker("slow")}
+        items.sort(key=lambda item: item.path not in slow)
+
+
 def pytest_collection_finish() -> None:
     """What was imported stays: without this each collection of garbage walks through all of torch again."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(50_000, 20, 20)  # the graphs that torch exports make much and hardly any garbage
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
