@@ -10,6 +10,9 @@ import pytest
 from hypothesis import HealthCheck, settings
 from made_once import keep_in
 
+# The networks are tiny and the tests run in several processes: more threads only wait for each other.
+os.environ["OMP_NUM_THREADS"] = "1"
+
 # How long an example takes tells of the machine, not of what is tested.
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")

@@ -53,7 +53,7 @@ def test_a_team_of_processes_finishes_although_one_is_killed_one_stopped_and_one
     minds.start(1)
     minds.start(4)
     minds.send(2, signal.SIGSTOP)
-    fly(yard, times, LIMIT_S * SPEED, until=lambda: yard.tally.left <= everybody - 6)
+    fly(yard, times, LIMIT_S * SPEED, until=lambda: yard.tally.left <= everybody - 8)
     minds.send(2, signal.SIGCONT)
     fly(yard, times, LIMIT_S * SPEED, until=lambda: yard.over)
     assert yard.tally.left == 0
