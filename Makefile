@@ -12,7 +12,7 @@ demo: $(VENV)/.robot
 	$(BIN)/gatar sim --team 3A3G --targets 24 --size 15 --seed 1 --out runs/$$(date +%Y%m%d-%H%M%S)
 
 test: $(VENV)/.test browser lint
-	$(BIN)/python -m pytest -q -n 2 --dist loadfile
+	$(BIN)/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check .

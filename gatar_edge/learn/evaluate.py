@@ -119,7 +119,7 @@ def worlds(conditions: Conditions) -> Group:
         arrays = [np.zeros((LONGEST_EPISODE, *shape), dtype=np.uint8) for shape in shapes]
         steps = episode(
             world.obstacles, world.targets.astype(np.int64), np.array(world.starts, dtype=np.int64), kinds,
-            np.ones(len(kinds)), conditions.r_sense, conditions.r_comm, conditions.hop_limit, 0.0, GREEDY,
+            np.ones(len(kinds)), float(conditions.r_sense), float(conditions.r_comm), conditions.hop_limit, 0.0, GREEDY,
             DRIVEN_BY_EXPERT, seed, *arrays,
         )  # fmt: skip
         labelled += int((arrays[1][:steps, :, 2] != NO_LABEL).sum())

@@ -12,6 +12,8 @@ pytest.importorskip("numba")
 
 from gatar_edge.learn.compiled import compiled_planner
 
+pytestmark = pytest.mark.usefixtures("compiled")
+
 
 def random_problem(seed: int) -> Problem:
     rng = np.random.default_rng(seed)

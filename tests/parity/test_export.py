@@ -6,16 +6,17 @@ import numpy as np
 import onnx
 import pytest
 from click.testing import CliRunner
-from learning import tiny_run
+from learning import tiny_model
 from safetensors.torch import load_file, save_file
 
 from gatar_edge.commands.verify import command as verify_command
 from gatar_edge.errors import ModelError
-from gatar_edge.export.convert import export
 from gatar_edge.export.spec import DYNAMIC
 from gatar_edge.export.verify import verify
 from gatar_edge.manifest import KEY
 from gatar_edge.policy import DEFAULT_MODEL, Policy
+
+pytestmark = pytest.mark.slow
 
 
 def few_states():
@@ -28,10 +29,8 @@ def few_states():
 
 
 @pytest.fixture(scope="module")
-def exported(tmp_path_factory):
-    out = tmp_path_factory.mktemp("export") / "tiny.onnx"
-    export(tiny_run(), out)
-    return out
+def exported():
+    return tiny_model()
 
 
 def test_the_file_is_proved_equal_for_every_team_size(exported):
@@ -46,14 +45,6 @@ def test_states_of_missions_are_compared_too(exported):
     assert proof.ok, proof.error
     assert proof.states == 41
     assert proof.decisions > 2 + 40  # most robots have somebody to talk to
-
-
-@pytest.mark.parametrize("network", ["gatar-paper", "gnn-vcycle", "magat"])
-def test_networks_of_the_papers_comparison_are_exported_and_proved_too(network, tmp_path):
-    out = tmp_path / "tiny.onnx"
-    export(tiny_run(network), out)
-    proof = verify(out, states_of=lambda: [(n, m, r) for n in (1, 2, 12, 64) for m in (0, 1, 30) for r in (0.0, 6.0)])
-    assert proof.ok, proof.error
 
 
 def test_other_weights_are_found_out(exported, tmp_path):

@@ -14,6 +14,8 @@ from gatar_edge.sim_sitl.world import Team, observe, random_obstacles, random_wo
 from gatar_edge.types import CellState, GridSpec, RobotKind, RobotState
 from gatar_edge.view import build_view, distances_of, hop_counts
 
+pytestmark = pytest.mark.usefixtures("compiled")
+
 
 def maps(count):
     rng = np.random.default_rng(5)

@@ -13,6 +13,8 @@ pytest.importorskip("numba")
 
 from gatar_edge.learn.teachers import routing_labels
 
+pytestmark = pytest.mark.usefixtures("compiled")
+
 ROUNDS = 40
 MOST_ROBOTS, MOST_TARGETS = 8, 16
 

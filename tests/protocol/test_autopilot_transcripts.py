@@ -9,6 +9,7 @@ import gzip
 import json
 import os
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -153,12 +154,21 @@ def ordered(answers: list[Answer], stack: str, first: bool) -> list[Answer]:
     return answers
 
 
+@cache
+def replayed(name: str) -> tuple[Replay, int]:
+    """The whole transcript, and how many mode commands the client sent in it."""
+    replay = Replay(*FILES[name])
+    asked = 0
+    for line in lines(name):
+        replay.line(line)
+        asked += line.get("dir") == "tx" and line["f"].get("command") == SET_MODE
+    return replay, asked
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_the_client_side_of_a_transcript_gets_the_same_kinds_of_answers_in_the_same_order(name: str) -> None:
     stack, vehicles = FILES[name]
-    replay = Replay(stack, vehicles)
-    for line in lines(name):
-        replay.line(line)
+    replay, _ = replayed(name)
     for number, sysid in enumerate(vehicles):
         expected = ordered(replay.expected[sysid], stack, number == 0)
         assert len(expected) > 10
@@ -167,12 +177,7 @@ def test_the_client_side_of_a_transcript_gets_the_same_kinds_of_answers_in_the_s
 
 @pytest.mark.parametrize("name", [name for name, (stack, _) in FILES.items() if stack == "px4"])
 def test_px4_answers_each_mode_command_twice_as_in_the_transcripts(name: str) -> None:
-    stack, vehicles = FILES[name]
-    replay = Replay(stack, vehicles)
-    asked = 0
-    for line in lines(name):
-        replay.line(line)
-        asked += line.get("dir") == "tx" and line["f"].get("command") == SET_MODE
-    (sysid,) = vehicles
+    replay, asked = replayed(name)
+    (sysid,) = replay.vehicles
     for answers in (replay.expected[sysid], replay.got[sysid]):
         assert sum(a[:2] == ("COMMAND_ACK", SET_MODE) for a in answers) in (2 * asked, 2 * asked + 1)

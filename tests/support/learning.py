@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
-from tempfile import mkdtemp
+
+from made_once import made_once
 
 from gatar_edge.learn.dataset import DataOptions, generate
 from gatar_edge.learn.train import Trainer, TrainOptions
@@ -22,22 +23,19 @@ TINY_OF = {
     "gnn-vcycle": {**_SHAPE, "bottom": 4},
     "magat": {**_SHAPE, "heads": 2},
 }  # every network of the registry, small enough to train in seconds
+_ONE_ROUND = {**TINY_AHEAD, "levels": [2]}  # as far as robots out of range; each further round takes seconds to export
 
 
 @cache
 def tiny_data() -> Path:
     """A folder with two shards."""
-    folder = Path(mkdtemp(prefix="gatar-data-"))
-    generate(OPTIONS, folder, workers=1)
-    return folder
+    return made_once("data", lambda folder: generate(OPTIONS, folder, workers=1))
 
 
 @cache
 def ahead_data() -> Path:
     """A folder with one shard of the teacher that looks ahead."""
-    folder = Path(mkdtemp(prefix="gatar-ahead-data-"))
-    generate(AHEAD_OPTIONS, folder, workers=1)
-    return folder
+    return made_once("ahead-data", lambda folder: generate(AHEAD_OPTIONS, folder, workers=1))
 
 
 def options(**changes: object) -> TrainOptions:
@@ -48,10 +46,17 @@ def options(**changes: object) -> TrainOptions:
 
 @cache
 def tiny_run(network: str = "gatar") -> Path:
-    """A finished run."""
-    folder = Path(mkdtemp(prefix="gatar-run-"))
-    Trainer(options(network=network, settings=TINY_OF[network]), folder).run(lambda progress: None)
-    return folder
+    """A finished run. Nobody may write into it."""
+    run = options(network=network, settings=TINY_OF[network])
+    return made_once(f"run-{network}", lambda folder: Trainer(run, folder).run(lambda progress: None))
+
+
+@cache
+def tiny_model() -> Path:
+    """The ONNX file of that run, with its weights beside it. Nobody may write there."""
+    from gatar_edge.export.convert import export
+
+    return made_once("model", lambda folder: export(tiny_run(), folder / "tiny.onnx")) / "tiny.onnx"
 
 
 @cache
@@ -59,7 +64,9 @@ def ahead_model() -> Path:
     """The ONNX file of a finished run of a network that looks ahead."""
     from gatar_edge.export.convert import export
 
-    folder = Path(mkdtemp(prefix="gatar-ahead-run-"))
-    Trainer(options(data=str(ahead_data()), settings=TINY_AHEAD), folder).run(lambda progress: None)
-    export(folder, folder / "ahead.onnx")
-    return folder / "ahead.onnx"
+    def make(folder: Path) -> None:
+        run = options(data=str(ahead_data()), settings=_ONE_ROUND)
+        Trainer(run, folder / "run").run(lambda progress: None)
+        export(folder / "run", folder / "ahead.onnx")
+
+    return made_once("ahead-model", make) / "ahead.onnx"

@@ -2,9 +2,12 @@
 
 import json
 
+import pytest
 from click.testing import CliRunner
 
 from gatar_edge.commands.bench_dataset import command
+
+pytestmark = pytest.mark.usefixtures("compiled")
 
 
 def test_the_rate_of_labelled_samples_is_below_that_of_all_and_above_nothing():

@@ -1,6 +1,7 @@
 """The curves of a run: means of what was learned, no step twice after a kill, and a picture."""
 
 import json
+import shutil
 
 import pytest
 from click.testing import CliRunner
@@ -50,10 +51,12 @@ def test_the_curves_are_drawn(tmp_path, name):
     assert b"<svg" in data or data.startswith(b"\x89PNG")
 
 
-def test_the_command_draws_the_curves_of_a_run_into_its_folder():
-    result = CliRunner().invoke(command, ["--plot", str(tiny_run())])
+def test_the_command_draws_the_curves_of_a_run_into_its_folder(tmp_path):
+    run = tmp_path / "run"
+    shutil.copytree(tiny_run(), run)
+    result = CliRunner().invoke(command, ["--plot", str(run)])
     assert result.exit_code == 0, result.output
-    assert "<svg" in (tiny_run() / "curves.svg").read_text()
+    assert "<svg" in (run / "curves.svg").read_text()
 
 
 @pytest.mark.parametrize("content", [None, ""])

@@ -24,6 +24,8 @@ from gatar_edge.sim_sitl.world import TRAINING_SEEDS, Team, observe, random_worl
 from gatar_edge.types import CellState, RobotKind, RobotState
 from gatar_edge.view import build_view, hop_counts
 
+pytestmark = pytest.mark.usefixtures("compiled")
+
 SMALL = DataOptions(("2A2G",), (15,), (4.0,), 1, 3)
 
 

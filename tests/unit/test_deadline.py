@@ -23,11 +23,12 @@ class Model:
     name = "gatar"
 
     def __init__(self) -> None:
-        self.gate = threading.Event()
+        self.begun, self.gate = threading.Event(), threading.Event()
         self.calls = 0
 
     def allocate(self, view: View) -> Allocation:
         self.calls += 1
+        self.begun.set()
         assert self.gate.wait(60)
         return ANSWER
 
@@ -56,6 +57,7 @@ def test_a_stuck_model_is_late_once_and_then_busy_without_any_wait(model: Model)
         Punctual(model, 0.001, runner).allocate(VIEW)
     with pytest.raises(DeadlineError, match="busy"):
         Punctual(model, 60, runner).allocate(VIEW)
+    assert model.begun.wait(60)  # its thread may come to run late
     assert model.calls == 1
 
 

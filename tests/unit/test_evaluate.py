@@ -1,9 +1,13 @@
 """The comparison with the expert."""
 
+import pytest
+
 from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.allocators.nearest import Nearest
 from gatar_edge.learn.evaluate import TEST_SEEDS, Conditions, evaluate, worlds
 from gatar_edge.sim_sitl.world import TRAINING_SEEDS
+
+pytestmark = pytest.mark.usefixtures("compiled")
 
 
 def test_greedy_with_unlimited_radio_is_the_expert():

@@ -17,6 +17,8 @@ from gatar_edge.message import decode as decode_message
 from gatar_edge.types import NS_PER_S, Reason, RobotKind, RobotState, TaskKind
 from gatar_edge.view import build_view
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def gatar() -> Gatar:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from learning import TINY_OF, tiny_data
+from learning import TINY, TINY_OF, tiny_data
 
 from gatar_edge.commands.eval_paper import command
 from gatar_edge.errors import ConfigError
@@ -21,8 +21,11 @@ from gatar_edge.paper.plan import QUICK, TABLE_2, TABLE_3, Scale, channels_of, r
 from gatar_edge.paper.reproduce import PAGE, Places, reproduce
 from gatar_edge.paper.table import Table
 
+pytestmark = pytest.mark.slow
+
 SMALLEST = Scale(
-    steps=2, batch=4, sizes=TINY_OF, samples=12, curve_samples=6, ranges=(0, 6), teams=("1A1G", "2A2G"),
+    steps=2, batch=4, sizes={**TINY_OF, "gatar": {**TINY, "levels": [2]}}, samples=12, curve_samples=6, ranges=(0, 6),
+    teams=("1A1G", "2A2G"),
     missions=2, mission_teams=("1A1G",), curve_missions=1, curve_team="1A1G", losses=(0.0, 0.5), delays=(0, 1),
     kills=(0, 1), city_missions=1, size=8,
 )  # fmt: skip

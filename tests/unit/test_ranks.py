@@ -20,34 +20,39 @@ from safetensors.torch import save_file
 from gatar_edge.learn.ranks import joined
 from gatar_edge.learn.train import Trainer, TrainOptions
 
-folder = Path(sys.argv[2])
 with joined("cpu") as ranks:
-    trainer = Trainer(TrainOptions(**json.loads(sys.argv[1])), folder, ranks.device, ranks)
-    losses = []
-    trainer.run(lambda progress: losses.append(progress.loss), checkpoint_every_s=0.0)
-    save_file(trainer.network.state_dict(), folder / f"rank{ranks.rank}.safetensors")
-    (folder / f"losses{ranks.rank}.json").write_text(json.dumps(losses))
+    for folder, wanted in json.loads(sys.argv[1]).items():
+        folder = Path(folder)
+        trainer = Trainer(TrainOptions(**wanted), folder, ranks.device, ranks)
+        losses = []
+        trainer.run(lambda progress: losses.append(progress.loss), checkpoint_every_s=0.0)
+        save_file(trainer.network.state_dict(), folder / f"rank{ranks.rank}.safetensors")
+        (folder / f"losses{ranks.rank}.json").write_text(json.dumps(losses))
 """
 
 
-def under_torchrun(tmp_path, folder, **changes):
-    script = tmp_path / "train_two.py"
+@pytest.fixture(scope="module")
+def two_ranks(tmp_path_factory):
+    """A folder with two runs, one after the other under one torchrun, which takes seconds to start."""
+    folder = tmp_path_factory.mktemp("ranks")
+    script = folder / "train_two.py"
     script.write_text(PROGRAM)
+    runs = {"whole": {}, "ablation": {"steps": 2, "settings": {**TINY, "attention": False}}}
+    wanted = {str(folder / name): asdict(options(ranks=2, **changes)) for name, changes in runs.items()}
     line = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", str(script)]
-    wanted = json.dumps(asdict(options(ranks=2, **changes)))
-    done = subprocess.run([*line, wanted, str(folder)], capture_output=True, text=True, check=False)
+    done = subprocess.run([*line, json.dumps(wanted)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
+    return folder
 
 
 @pytest.mark.slow
-def test_an_ablation_that_leaves_parameters_unused_does_not_hang(tmp_path):
-    under_torchrun(tmp_path, tmp_path / "run", steps=2, settings={**TINY, "attention": False})
+def test_an_ablation_that_leaves_parameters_unused_does_not_hang(two_ranks):
+    assert len(list((two_ranks / "ablation").glob("rank?.safetensors"))) == 2
 
 
 @pytest.mark.slow
-def test_two_ranks_learn_from_other_batches_and_hold_the_same_weights(tmp_path):
-    folder = tmp_path / "run"
-    under_torchrun(tmp_path, folder)
+def test_two_ranks_learn_from_other_batches_and_hold_the_same_weights(two_ranks):
+    folder = two_ranks / "whole"
     one, other = (load_file(folder / f"rank{rank}.safetensors") for rank in range(2))
     alone = load_file(tiny_run() / "model.safetensors")
     assert one.keys() == other.keys() == alone.keys()

@@ -17,6 +17,8 @@ from gatar_edge.learn.networks import NETWORKS, build
 from gatar_edge.learn.train import Trainer, load_model, loss_of, tensors_of
 from gatar_edge.learn.views import batches
 
+pytestmark = pytest.mark.slow
+
 
 class CutError(Exception):
     """Stands for a power cut."""
