@@ -21,13 +21,13 @@ def compiled_tours() -> Any:
     Raises MissingExtraError without numba.
     """
     try:
-        import numba
+        from gatar_edge.learn.jit import compiled
     except ImportError as error:
         raise MissingExtraError("planning thousands of tours", "learn", "numba") from error
     names = dict(vars(tours))  # where the compiled functions find each other
     for name, function in vars(tours).items():
         if isinstance(function, FunctionType) and function.__module__ == tours.__name__:
-            names[name] = numba.njit(FunctionType(function.__code__, names, name), cache=True)
+            names[name] = compiled(FunctionType(function.__code__, names, name))
     return SimpleNamespace(**names)
 
 
