@@ -70,7 +70,7 @@ def test_a_mission_flown_now_replays_bit_for_bit(name: str, tmp_path: Path) -> N
 
 
 def test_a_mission_with_robots_out_of_range_tells_them_and_replays(tmp_path: Path) -> None:
-    record_mission(tmp_path / "a.mcap", make("gatar"), size=24, targets=16, steps=40)
+    record_mission(tmp_path / "a.mcap", make("gatar"), team="3A3G", size=24, targets=16, steps=40)
     decisions = [
         json_object(entry.data)["decision"]
         for entry in LogReader(tmp_path / "a.mcap").messages(lambda channel, _: channel is ch.DECISION)
