@@ -128,7 +128,7 @@ class VehicleSection(_Section, frozen=True, kw_only=True):
 class PerceptionSection(_Section, frozen=True, kw_only=True):
     """Where observations come in."""
 
-    listen: _Path = "127.0.0.1:14700"  # or unix:/run/gatar/perception.sock
+    listen: _Path = "127.0.0.1:14700"  # or unix:/run/gatar/robot3/perception.sock
     allow_remote: bool = False  # observations are not signed: only this machine may send them
 
 

@@ -115,7 +115,7 @@ launch = {launch}          # "armed": take over, and take off, once a person has
 # on_stop = "hold"         # SIGTERM stops it; "return": a UAV returns to launch; "leave" leaves it to its last order
 
 [perception]
-listen = {perception}  # or "unix:/run/gatar/perception.sock"; format: docs/observation.schema.json
+listen = {perception}  # or "unix:/run/gatar/robot3/perception.sock"; format: docs/observation.schema.json
 
 [loop]
 # tick_hz = 5.0

@@ -55,3 +55,11 @@ def test_the_service_is_hardened_and_watched() -> None:
     unit = (EXAMPLES / "systemd" / "gatar-vehicle@.service").read_text().splitlines()
     needed = {"Type=notify", "WatchdogSec=5", "NoNewPrivileges=yes", "ProtectSystem=strict", "Restart=always"}
     assert needed <= set(unit)
+
+
+def test_the_service_makes_the_folder_of_the_socket_that_the_configuration_proposes() -> None:
+    unit = (EXAMPLES / "systemd" / "gatar-vehicle@.service").read_text()
+    proposed = "unix:/run/gatar/robot3/perception.sock"
+    assert proposed in unit
+    assert proposed in (EXAMPLES / "vehicle.toml").read_text()
+    assert "RuntimeDirectory=gatar/%i" in unit.splitlines()
