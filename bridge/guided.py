@@ -114,6 +114,11 @@ class Guided:
             return self._progress.due_ns
         return 0 if self.step in (Step.ASKED, Step.ECHO) else NEVER_NS
 
+    @property
+    def watches(self) -> bool:
+        """Whether the vehicle's position and its echo of the target give `poll` something to do before `due_ns`."""
+        return self.step is Step.GOING
+
     def poll(self, seen: Telemetry, now_ns: int) -> None:
         """Read the vehicle's answers and ask again where they are missing."""
         if self.step is Step.ASKED:

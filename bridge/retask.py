@@ -144,6 +144,11 @@ class Retask:
             return self._progress.due_ns
         return 0 if self.step in _WATCHERS else NEVER_NS
 
+    @property
+    def watches(self) -> bool:
+        """Whether the vehicle's position and its current item give `poll` something to do before `due_ns`."""
+        return self.step is Step.DRIVE
+
     def poll(self, seen: Telemetry, now_ns: int) -> list[Message]:
         """Read the vehicle's answers, go on, and hand over messages to send now."""
         watch = _WATCHERS.get(self.step)
