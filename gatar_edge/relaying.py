@@ -39,23 +39,29 @@ def passes_on(own: Place, author: Place, seq: int, others: Iterable[Place], r_co
     earlier: list[Place] = []  # those whose turn comes before ours
     lacking: list[tuple[Place, int]] = []
     for other in others:
-        if other.robot_id == author.robot_id:
+        robot_id, cell, moved_cells = other
+        if robot_id == author.robot_id:
             continue
-        heard = math.dist(other.cell, author.cell) <= r_comm - other.moved_cells - author.moved_cells
-        if heard and _turn(other.robot_id, seq) < mine:
+        heard = math.dist(cell, author.cell) <= r_comm - moved_cells - author.moved_cells
+        if heard and _turn(robot_id, seq) < mine:
             earlier.append(other)
-        if math.dist(other.cell, own.cell) <= r_comm + other.moved_cells:
+        if math.dist(cell, own.cell) <= r_comm + moved_cells:
             lacking.append((other, IN_RANGE_COPIES if heard else OUT_OF_RANGE_COPIES))
-    return any(_reached(other, earlier, r_comm) < copies for other, copies in lacking)
+    return any(not _is_reached(other, copies, earlier, r_comm) for other, copies in lacking)
 
 
-def _reached(place: Place, senders: Iterable[Place], r_comm: float) -> int:
-    """By how many of the senders a robot is surely reached."""
-    return sum(
-        math.dist(sender.cell, place.cell) <= r_comm - sender.moved_cells - place.moved_cells
-        for sender in senders
-        if sender is not place
-    )
+def _is_reached(place: Place, copies: int, senders: list[Place], r_comm: float) -> bool:
+    """Whether at least so many of the senders surely reach a robot."""
+    if len(senders) < copies:
+        return False
+    for sender in senders:
+        if sender is not place and (
+            math.dist(sender.cell, place.cell) <= r_comm - sender.moved_cells - place.moved_cells
+        ):
+            copies -= 1
+            if not copies:
+                return True
+    return False
 
 
 def _turn(robot_id: int, seq: int) -> tuple[int, int]:

@@ -113,15 +113,14 @@ def hop_counts(robots: Sequence[RobotState], r_comm: float, hop_limit: int) -> H
 
 @lru_cache(maxsize=64)  # for a tick or two nobody may leave its cell
 def _hops_between(places: tuple[Cell, ...], r_comm: float, hop_limit: int) -> Hops:
-    cells = np.array(places, dtype=np.float64)
-    products = cells @ cells.T  # of whole numbers: exact, and so are the squares of distances below
-    squares = products.diagonal()
-    near = squares[:, None] + squares - 2 * products <= r_comm * r_comm
+    x, y = np.array([cell[0] for cell in places]), np.array([cell[1] for cell in places])
+    across, along = x[:, None] - x, y[:, None] - y
+    near = across * across + along * along <= r_comm * r_comm
     links = near.astype(np.float32)  # counts of at most N, exact in single precision
-    reached, within = links, near.astype(np.int16)  # in how many of the limits up to `hop_limit` a robot is reached
+    reached, within = near, near.astype(np.int16)  # in how many of the limits up to `hop_limit` a robot is reached
     for _ in range(2, hop_limit + 1):
-        reached = (reached @ links > 0).astype(np.float32)
-        within += reached > 0
+        reached = reached @ links > 0
+        within += reached
     hops = _hops_within(hop_limit)[within]
     np.fill_diagonal(hops, 0)
     hops.flags.writeable = False
