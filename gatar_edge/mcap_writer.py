@@ -106,8 +106,9 @@ class McapWriter:
             index[channel_id] += (log_ns, self._size)
         else:
             index[channel_id] = [log_ns, self._size]
-        self._parts += (_MESSAGE.pack(5, _BEFORE_DATA + len(data), channel_id, 0, log_ns, publish_ns), data)
-        self._size += _MESSAGE.size + len(data)
+        length = _BEFORE_DATA + len(data)
+        self._parts += (_MESSAGE.pack(5, length, channel_id, 0, log_ns, publish_ns), data)
+        self._size += 9 + length
         if self._size > self._chunk_bytes:
             self._finish_chunk()
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from gatar_edge.belief import known_targets
 from gatar_edge.grid import UNREACHABLE, lengths_from, passable, path_lengths
-from gatar_edge.types import ByteGrid, Cell, Cells, IntGrid, RobotKind, RobotState
+from gatar_edge.types import BoolGrid, ByteGrid, Cell, Cells, IntGrid, RobotKind, RobotState
 
 Hops = npt.NDArray[np.int8]
 FAR_HOPS = 2  # of robots that are remembered but not heard
@@ -117,11 +117,12 @@ def _hops_between(places: tuple[Cell, ...], r_comm: float, hop_limit: int) -> Ho
     across, along = x[:, None] - x, y[:, None] - y
     near = across * across + along * along <= r_comm * r_comm
     links = near.astype(np.float32)  # counts of at most N, exact in single precision
-    reached, within = near, near.astype(np.int16)  # in how many of the limits up to `hop_limit` a robot is reached
+    reached: BoolGrid = near
+    within = near.astype(np.int16)  # in how many of the limits up to `hop_limit` a robot is reached
     for _ in range(2, hop_limit + 1):
         reached = reached @ links > 0
         within += reached
-    hops = _hops_within(hop_limit)[within]
+    hops: Hops = _hops_within(hop_limit)[within]
     np.fill_diagonal(hops, 0)
     hops.flags.writeable = False
     return hops
