@@ -145,11 +145,11 @@ class Vehicle:
     def _is_waited_for(self, kind: type[Message]) -> bool:
         """Whether a message of this kind may give `poll` something to do before `due_ns`."""
         if kind is wire.GlobalPosition:
-            return self.guided.watches or self.retask.watches
+            return self.guided.watches or self.retask.watches or self.launch.watches
         if kind is wire.PositionTarget:
             return self.guided.watches
         if kind is wire.MissionCurrent:
-            return self.retask.watches
+            return self.retask.watches or self.launch.watches
         return kind not in BYSTANDERS
 
     def pursue(self, command: Goto | Mission | Hold, now_ns: int) -> bool:

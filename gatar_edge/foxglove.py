@@ -21,14 +21,12 @@ from foxglove_schemas_protobuf import (
     LocationFix_pb2,
     Log_pb2,
     PackedElementField_pb2,
-    Point3_pb2,
     Pose_pb2,
     Quaternion_pb2,
     RawImage_pb2,
     SceneEntity_pb2,
     SceneUpdate_pb2,
     SpherePrimitive_pb2,
-    TextPrimitive_pb2,
     Vector2_pb2,
     Vector3_pb2,
 )
@@ -225,23 +223,27 @@ def _robot_scene(
     entity = SceneEntity_pb2.SceneEntity(frame_id=MAP_FRAME, id=robot_frame(robot_id))
     color = _color(_ROBOT_RGB[kind])
     x, y, z = (*_centre(cell, spec), height * spec.cell_m)
-    size = Vector3_pb2.Vector3(x=0.6 * spec.cell_m, y=0.6 * spec.cell_m, z=0.2 * spec.cell_m)
-    if kind is RobotKind.UAV:
-        entity.spheres.append(SpherePrimitive_pb2.SpherePrimitive(pose=_pose(x, y, z), size=size, color=color))
-    else:
-        entity.cubes.append(CubePrimitive_pb2.CubePrimitive(pose=_pose(x, y, z), size=size, color=color))
-    entity.texts.append(
-        TextPrimitive_pb2.TextPrimitive(
-            pose=_pose(x, y, z + 0.5 * spec.cell_m),
-            billboard=True,
-            font_size=14.0,
-            scale_invariant=True,
-            color=color,
-            text=f"{kind.name} {robot_id} {reason}",
-        )
+    body = entity.spheres if kind is RobotKind.UAV else entity.cubes
+    body.add(pose=_pose(x, y, z), size=_robot_size(spec.cell_m), color=color)
+    entity.texts.add(
+        pose=_pose(x, y, z + 0.5 * spec.cell_m),
+        billboard=True,
+        font_size=14.0,
+        scale_invariant=True,
+        color=color,
+        text=f"{kind.name} {robot_id} {reason}",
     )
     if way is not None:
-        entity.lines.append(_line([cell, *way[0], way[1]], z, color, spec))
+        line = entity.lines.add(
+            type=LinePrimitive_pb2.LinePrimitive.LINE_STRIP,
+            pose=_pose(0.0, 0.0, 0.0),
+            thickness=3.0,
+            scale_invariant=True,
+            color=color,
+        )
+        for place in (cell, *way[0], way[1]):
+            x, y = _centre(place, spec)
+            line.points.add(x=x, y=y, z=z)
     return SceneUpdate_pb2.SceneUpdate(entities=[entity])
 
 
@@ -275,19 +277,9 @@ def _balls(mask: BoolGrid, color: Any, spec: GridSpec) -> Iterable[Any]:
         yield SpherePrimitive_pb2.SpherePrimitive(pose=pose, size=side, color=color)
 
 
-def _line(cells: list[Cell], z: float, color: Any, spec: GridSpec) -> Any:
-    points = []
-    for cell in cells:
-        x, y = _centre(cell, spec)
-        points.append(Point3_pb2.Point3(x=x, y=y, z=z))
-    return LinePrimitive_pb2.LinePrimitive(
-        type=LinePrimitive_pb2.LinePrimitive.LINE_STRIP,
-        pose=_pose(0.0, 0.0, 0.0),
-        thickness=3.0,
-        scale_invariant=True,
-        points=points,
-        color=color,
-    )
+@lru_cache(maxsize=8)
+def _robot_size(cell_m: float) -> Any:
+    return Vector3_pb2.Vector3(x=0.6 * cell_m, y=0.6 * cell_m, z=0.2 * cell_m)
 
 
 def _stamp(t_ns: int) -> Timestamp:
@@ -298,6 +290,7 @@ def _pose(x: float, y: float, z: float) -> Any:
     return Pose_pb2.Pose(position=Vector3_pb2.Vector3(x=x, y=y, z=z), orientation=_UPRIGHT)
 
 
+@lru_cache(maxsize=32)  # shared: whoever puts it into a message copies it
 def _color(rgb: tuple[int, int, int]) -> Any:
     return Color_pb2.Color(r=rgb[0] / 255, g=rgb[1] / 255, b=rgb[2] / 255, a=1.0)
 

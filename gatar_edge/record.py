@@ -255,8 +255,7 @@ class Recorder:
     def _write(self, channel: ch.Channel, data: bytes, now_ns: int, robot_id: int = 0, source_ns: int = -1) -> None:
         if self.stopped:
             return
-        if now_ns > self._now_ns:  # readers rely on a log time that never goes back
-            self._now_ns = now_ns
+        self._now_ns = max(self._now_ns, now_ns)  # readers rely on a log time that never goes back
         self.messages += 1
         try:
             topic = self._topics.get((channel.topic, robot_id)) or self._new_topic(channel, robot_id)
