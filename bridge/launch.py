@@ -37,6 +37,8 @@ class Phase(Enum):
     READY = "ready"
     PILOT = "pilot"  # somebody else took over
 
+    __hash__ = object.__hash__  # looked up at each poll, and Enum's own is slow
+
 
 class Event(Enum):
     """What happened."""

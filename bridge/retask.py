@@ -48,6 +48,8 @@ class Step(Enum):
     ARRIVED = "nothing: it is there"
     FAILED = "another command"
 
+    __hash__ = object.__hash__  # looked up at each poll, and Enum's own is slow
+
 
 class Event(Enum):
     """What happened."""

@@ -120,7 +120,7 @@ def descriptor_set(schema: str) -> bytes:
 def grid(states: ByteGrid, spec: GridSpec, now_ns: int) -> bytes:
     """A foxglove.Grid of `states` [W, H]; row 0 is the southernmost."""
     message = _grid(states.shape[0], spec.cell_m)
-    message.timestamp.CopyFrom(_stamp(now_ns))
+    _set_stamp(message.timestamp, now_ns)
     message.data = states.T.tobytes()
     return bytes(message.SerializeToString())
 
@@ -179,14 +179,18 @@ def location(state: VehicleState, robot_id: int) -> bytes:
 
 def frame(robot_id: int, x_cell: float, y_cell: float, spec: GridSpec, now_ns: int) -> bytes:
     """A foxglove.FrameTransform from the map to a robot."""
-    message = FrameTransform_pb2.FrameTransform(
-        timestamp=_stamp(now_ns),
-        parent_frame_id=MAP_FRAME,
-        child_frame_id=robot_frame(robot_id),
-        translation=Vector3_pb2.Vector3(x=_metres(x_cell, spec), y=_metres(y_cell, spec), z=0.0),
-        rotation=_UPRIGHT,
-    )
+    message = _frame(robot_id)
+    _set_stamp(message.timestamp, now_ns)
+    message.translation.x, message.translation.y = _metres(x_cell, spec), _metres(y_cell, spec)
     return bytes(message.SerializeToString())
+
+
+@lru_cache(maxsize=64)
+def _frame(robot_id: int) -> Any:
+    """What `frame` serializes, but for its time and place, which alone may be changed."""
+    return FrameTransform_pb2.FrameTransform(
+        parent_frame_id=MAP_FRAME, child_frame_id=robot_frame(robot_id), rotation=_UPRIGHT
+    )
 
 
 def log_line(level: Level, robot_id: int, text: str, now_ns: int) -> bytes:
@@ -210,7 +214,7 @@ def robot_scene(decision: Decision, kind: RobotKind, spec: GridSpec, now_ns: int
     assignment = decision.assignment
     way = (assignment.path, assignment.cell) if assignment.kind is not TaskKind.HOLD else None
     scene = _robot_scene(decision.robot_id, kind, decision.cell, way, assignment.reason.value, spec)
-    scene.entities[0].timestamp.CopyFrom(_stamp(now_ns))
+    _set_stamp(scene.entities[0].timestamp, now_ns)
     return bytes(scene.SerializeToString())
 
 
@@ -284,6 +288,10 @@ def _robot_size(cell_m: float) -> Any:
 
 def _stamp(t_ns: int) -> Timestamp:
     return Timestamp(seconds=t_ns // NS_PER_S, nanos=t_ns % NS_PER_S)
+
+
+def _set_stamp(stamp: Timestamp, t_ns: int) -> None:
+    stamp.seconds, stamp.nanos = divmod(t_ns, NS_PER_S)
 
 
 def _pose(x: float, y: float, z: float) -> Any:

@@ -35,17 +35,18 @@ def passes_on(own: Place, author: Place, seq: int, others: Iterable[Place], r_co
 
     `r_comm` is the range of radio in cells.
     """
-    mine = _turn(own.robot_id, seq)
+    mine, dist = _turn(own.robot_id, seq), math.dist
+    author_id, author_cell, author_moved_cells = author
     earlier: list[Place] = []  # those whose turn comes before ours
     lacking: list[tuple[Place, int]] = []
     for other in others:
         robot_id, cell, moved_cells = other
-        if robot_id == author.robot_id:
+        if robot_id == author_id:
             continue
-        heard = math.dist(cell, author.cell) <= r_comm - moved_cells - author.moved_cells
+        heard = dist(cell, author_cell) <= r_comm - moved_cells - author_moved_cells
         if heard and _turn(robot_id, seq) < mine:
             earlier.append(other)
-        if math.dist(cell, own.cell) <= r_comm + moved_cells:
+        if dist(cell, own.cell) <= r_comm + moved_cells:
             lacking.append((other, IN_RANGE_COPIES if heard else OUT_OF_RANGE_COPIES))
     return any(not _is_reached(other, copies, earlier, r_comm) for other, copies in lacking)
 
