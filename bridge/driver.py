@@ -187,6 +187,10 @@ class VehicleDriver:
         """Whether the vehicle cannot go where it was last told to: that goal is another robot's."""
         return self._refused_goal or self.status.failed
 
+    def ready(self, now_ns: int) -> bool:
+        """Whether the vehicle obeys us: what `state` says of it, at less cost."""
+        return self._vehicle is not None and self._vehicle.ready(now_ns)
+
     def state(self, now_ns: int) -> VehicleState:
         """What is known of the vehicle."""
         vehicle = self._vehicle
@@ -235,7 +239,7 @@ class VehicleDriver:
         return Known(
             now_ns=now_ns,
             pilot=vehicle is not None and vehicle.launch.phase is Phase.PILOT,
-            ready=vehicle is not None and vehicle.ready(now_ns),
+            ready=self.ready(now_ns),
             home=vehicle is not None and vehicle.seen.home is not None,
             origin=vehicle is not None and vehicle.seen.has_origin(now_ns),
             position_m=self._position_m(),

@@ -167,14 +167,16 @@ def image(states: ByteGrid, now_ns: int) -> bytes:
 
 def location(state: VehicleState, robot_id: int) -> bytes:
     """A foxglove.LocationFix of the autopilot's own position."""
-    message = LocationFix_pb2.LocationFix(
-        timestamp=_stamp(state.position_t_ns),
-        frame_id=robot_frame(robot_id),
-        latitude=state.lat_deg,
-        longitude=state.lon_deg,
-        altitude=state.alt_rel_m,
-    )
+    message = _location(robot_id)
+    _set_stamp(message.timestamp, state.position_t_ns)
+    message.latitude, message.longitude, message.altitude = state.lat_deg, state.lon_deg, state.alt_rel_m
     return bytes(message.SerializeToString())
+
+
+@lru_cache(maxsize=64)
+def _location(robot_id: int) -> Any:
+    """What `location` serializes, but for its time and place, which alone may be changed."""
+    return LocationFix_pb2.LocationFix(frame_id=robot_frame(robot_id))
 
 
 def frame(robot_id: int, x_cell: float, y_cell: float, spec: GridSpec, now_ns: int) -> bytes:

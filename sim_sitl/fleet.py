@@ -209,7 +209,7 @@ class Fleet:
         return self.tally.result(self.step)
 
     def _launched(self, now_ns: int) -> bool:
-        ready = all(robot.driver.state(now_ns).ready for robot in self.robots)
+        ready = all(robot.driver.ready(now_ns) for robot in self.robots)
         return ready or now_ns >= self.config.launch_timeout_s * NS_PER_S
 
     def _begin(self, now_ns: int) -> None:
