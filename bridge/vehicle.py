@@ -147,7 +147,7 @@ class Vehicle:
         if kind is wire.GlobalPosition:
             return self.guided.watches or self.retask.watches or self.launch.watches
         if kind is wire.PositionTarget:
-            return self.guided.watches
+            return self.guided.listens
         if kind is wire.MissionCurrent:
             return self.retask.watches or self.launch.watches
         return kind not in BYSTANDERS
