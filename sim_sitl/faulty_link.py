@@ -47,7 +47,7 @@ class FaultyLink:
         )
         self._in_flight: InFlight[End] = InFlight()
         self._perfect = all(lane.perfect for lane in self._lanes)
-        self._arrived: list[tuple[End, bytes]] = []  # what a perfect link holds: it delivers all at once
+        self._arrived: list[tuple[End, bytes]] = []  # what a perfect link holds until the next delivery
         self.tap: Callable[[End, bytes], None] | None = None  # is shown what is sent, before anything happens to it
 
     def begin(self, now_ns: int) -> None:

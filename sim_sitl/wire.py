@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import struct
 from collections.abc import Callable
-from functools import cache
+from functools import cache, lru_cache
 from operator import itemgetter
 from typing import Any, NamedTuple
 
@@ -53,7 +53,7 @@ def _layout(name: str) -> _Layout:
     return _Layout(kind, kind.id, width, ordered, given, kind.unpacker, bytes([kind.crc_extra]))
 
 
-@cache
+@lru_cache(maxsize=512)  # the number is what a peer claims
 def _layout_of(number: int) -> _Layout | None:
     """The layout of a message without arrays, by its number."""
     kind = mavlink.mavlink_map.get(number)
