@@ -74,13 +74,13 @@ class VehicleDriver:
         for frame in self._codec.parse(data):
             if frame.source[0] != self.config.sysid:
                 continue
-            self._stirred = True
             if self.config.log_frames and frame.message_id != dialect.MessageId.SETUP_SIGNING:
                 self._frames.append(FrameRecord(now_ns, False, frame.raw))
             if self._vehicle is None:
                 self._look_at(frame, now_ns)
+                self._stirred = True
             if self._vehicle is not None and frame.source == self._vehicle.address:
-                self._vehicle.receive(frame, now_ns)
+                self._stirred |= self._vehicle.receive(frame, now_ns) or not self._connected
 
     def command(self, wanted: VehicleCommand, now_ns: int) -> VehicleCommand:
         """Want this from now on. Returns what passed the gate and is pursued; the same again changes nothing."""
@@ -110,14 +110,16 @@ class VehicleDriver:
         if self._codec.signing is not None:
             self._codec.signing.advance(self._signing_base + now_ns // TICK_NS)
         out, vehicle = self._heart.poll(now_ns), self._vehicle
+        self._stirred, self._due_ns = False, None
         if vehicle is not None:
-            out += vehicle.poll(now_ns, self._launch)
+            orders = vehicle.poll(now_ns, self._launch)
+            self._stirred = bool(orders)
+            out += orders
             self._events.extend(vehicle.events)
             vehicle.events.clear()
             if vehicle.launch.phase is Phase.PILOT and not isinstance(self._pursued, Hold):
                 self._pursued, self._applied = Hold(Refusal.PILOT.value), False
             self._watch_connection(vehicle.connected(now_ns), now_ns)
-        self._stirred, self._due_ns = bool(out), None
         return b"".join([self._encode(message, now_ns) for message in out]) if out else b""
 
     def neighbors(self, positions: tuple[Place, ...]) -> None:
@@ -185,6 +187,10 @@ class VehicleDriver:
         """Whether the vehicle cannot go where it was last told to: that goal is another robot's."""
         return self._refused_goal or self.status.failed
 
+    def ready(self, now_ns: int) -> bool:
+        """Whether the vehicle obeys us: what `state` says of it, at less cost."""
+        return self._vehicle is not None and self._vehicle.ready(now_ns)
+
     def state(self, now_ns: int) -> VehicleState:
         """What is known of the vehicle."""
         vehicle = self._vehicle
@@ -233,7 +239,7 @@ class VehicleDriver:
         return Known(
             now_ns=now_ns,
             pilot=vehicle is not None and vehicle.launch.phase is Phase.PILOT,
-            ready=vehicle is not None and vehicle.ready(now_ns),
+            ready=self.ready(now_ns),
             home=vehicle is not None and vehicle.seen.home is not None,
             origin=vehicle is not None and vehicle.seen.has_origin(now_ns),
             position_m=self._position_m(),

@@ -112,7 +112,19 @@ class Guided:
         """When `poll` has something to do again, unless something arrives or is commanded first."""
         if self.step is Step.GOING and not self._hold:
             return self._progress.due_ns
-        return 0 if self.step in (Step.ASKED, Step.ECHO) else NEVER_NS
+        if self.step is Step.ECHO:
+            return self._since_ns + ECHO_NS
+        return 0 if self.step is Step.ASKED else NEVER_NS
+
+    @property
+    def watches(self) -> bool:
+        """Whether the vehicle's position gives `poll` something to do before `due_ns`."""
+        return self.step is Step.GOING
+
+    @property
+    def listens(self) -> bool:
+        """Whether the vehicle's echo of the target does."""
+        return self.step is Step.GOING or self.step is Step.ECHO
 
     def poll(self, seen: Telemetry, now_ns: int) -> None:
         """Read the vehicle's answers and ask again where they are missing."""

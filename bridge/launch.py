@@ -37,6 +37,8 @@ class Phase(Enum):
     READY = "ready"
     PILOT = "pilot"  # somebody else took over
 
+    __hash__ = object.__hash__  # looked up at each poll, and Enum's own is slow
+
 
 class Event(Enum):
     """What happened."""
@@ -82,6 +84,7 @@ class Launch:
         self.driving = False  # set by the caller: it drives a mission of ours, and is not to be put on hold
         self._altitude_m = altitude_m
         self._there_m = altitude_m - min(REACHED_M, altitude_m / 2)
+        self._watched: Phase | None = None  # at the last poll: a new phase is looked at without waiting
         self._asked_ns = -ARM_RETRY_NS
         self._climbed_m, self._climbed_ns = 0.0, 0
 
@@ -104,10 +107,22 @@ class Launch:
     @property
     def due_ns(self) -> int:
         """When `poll` has something to do again, unless something arrives or is commanded first."""
-        return NEVER_NS if self.phase in (Phase.READY, Phase.PILOT) else 0
+        if self.phase is Phase.READY or self.phase is Phase.PILOT:
+            return NEVER_NS
+        if self.phase is not self._watched or self.phase is Phase.WAITING:
+            return 0
+        if self.phase is Phase.ARMING:
+            return self._asked_ns + ARM_RETRY_NS
+        return self._climbed_ns + CLIMB_NS if self.phase is Phase.TAKEOFF else NEVER_NS
+
+    @property
+    def watches(self) -> bool:
+        """Whether the vehicle's position and its current item give `poll` something to do before `due_ns`."""
+        return self.phase is Phase.TAKEOFF
 
     def poll(self, seen: Telemetry, now_ns: int) -> None:
         """Take the next step if the vehicle shows that the last one is done."""
+        self._watched = self.phase
         watch = _WATCHERS.get(self.phase)
         if watch is not None:
             watch(self, seen, now_ns)

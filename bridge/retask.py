@@ -50,6 +50,8 @@ class Step(Enum):
     ARRIVED = "nothing: it is there"
     FAILED = "another command"
 
+    __hash__ = object.__hash__  # looked up at each poll, and Enum's own is slow
+
 
 class Event(Enum):
     """What happened."""
@@ -147,6 +149,11 @@ class Retask:
         if self.step is Step.DRIVE:
             return self._progress.due_ns
         return 0 if self.step in _WATCHERS else NEVER_NS
+
+    @property
+    def watches(self) -> bool:
+        """Whether the vehicle's position and its current item give `poll` something to do before `due_ns`."""
+        return self.step is Step.DRIVE
 
     def poll(self, seen: Telemetry, now_ns: int) -> list[Message]:
         """Read the vehicle's answers, go on, and hand over messages to send now."""

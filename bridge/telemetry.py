@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 from gatar_edge.bridge import wire
 from gatar_edge.bridge.dialect import MessageId
@@ -35,25 +37,38 @@ class Telemetry:
 
     def update(self, message: wire.Message, now_ns: int) -> None:
         """Keep a message if it tells of the vehicle's state."""
-        match message:
-            case wire.Heartbeat():
-                self.heartbeat, self.heartbeat_ns = message, now_ns
-            case wire.GlobalPosition() if message.lat_e7 or message.lon_e7:  # (0, 0) means "no position yet"
-                self.position, self.position_ns = message, now_ns
-                if self.position_first_ns == NEVER:
-                    self.position_first_ns = now_ns
-            case wire.HomePosition() if message.lat_e7 or message.lon_e7:
-                self.home = message
-            case wire.GlobalOrigin() if message.lat_e7 or message.lon_e7:
-                self.origin = message
-            case wire.MissionCurrent():
-                self.current, self.current_ns = message, now_ns
-            case wire.PositionTarget():
-                self.echo, self.echo_ns = message, now_ns
-            case wire.ExtendedSysState():
-                self.landed_state = message.landed_state
-            case wire.SysStatus():
-                self.battery_percent = message.battery_percent
+        keep = _KEEPERS.get(type(message))
+        if keep is not None:
+            keep(self, message, now_ns)
+
+    def _keep_heartbeat(self, message: wire.Heartbeat, now_ns: int) -> None:
+        self.heartbeat, self.heartbeat_ns = message, now_ns
+
+    def _keep_position(self, message: wire.GlobalPosition, now_ns: int) -> None:
+        if message.lat_e7 or message.lon_e7:  # (0, 0) means "no position yet"
+            self.position, self.position_ns = message, now_ns
+            if self.position_first_ns == NEVER:
+                self.position_first_ns = now_ns
+
+    def _keep_home(self, message: wire.HomePosition, now_ns: int) -> None:
+        if message.lat_e7 or message.lon_e7:
+            self.home = message
+
+    def _keep_origin(self, message: wire.GlobalOrigin, now_ns: int) -> None:
+        if message.lat_e7 or message.lon_e7:
+            self.origin = message
+
+    def _keep_current(self, message: wire.MissionCurrent, now_ns: int) -> None:
+        self.current, self.current_ns = message, now_ns
+
+    def _keep_echo(self, message: wire.PositionTarget, now_ns: int) -> None:
+        self.echo, self.echo_ns = message, now_ns
+
+    def _keep_landed_state(self, message: wire.ExtendedSysState, now_ns: int) -> None:
+        self.landed_state = message.landed_state
+
+    def _keep_battery(self, message: wire.SysStatus, now_ns: int) -> None:
+        self.battery_percent = message.battery_percent
 
     @property
     def armed(self) -> bool:
@@ -99,6 +114,19 @@ class Telemetry:
     def echoes(self, point_deg: tuple[float, float], since_ns: int) -> bool:
         """Whether the vehicle itself has said, after `since_ns`, that it goes to (lat, lon)."""
         return self.echo is not None and self.echo_ns > since_ns and near_e7(self.echo, point_deg)
+
+
+# Looked up by type: to ask whether a message is of one type after another costs several times as much.
+_KEEPERS: dict[type[wire.Message], Callable[[Telemetry, Any, int], None]] = {
+    wire.Heartbeat: Telemetry._keep_heartbeat,
+    wire.GlobalPosition: Telemetry._keep_position,
+    wire.HomePosition: Telemetry._keep_home,
+    wire.GlobalOrigin: Telemetry._keep_origin,
+    wire.MissionCurrent: Telemetry._keep_current,
+    wire.PositionTarget: Telemetry._keep_echo,
+    wire.ExtendedSysState: Telemetry._keep_landed_state,
+    wire.SysStatus: Telemetry._keep_battery,
+}
 
 
 def near_e7(echo: wire.PositionTarget, point_deg: tuple[float, float]) -> bool:

@@ -29,7 +29,9 @@ HEARTBEAT_LOST_NS = 6 * NS_PER_S  # three lost ones in a row are no rarity on a 
 CURRENT_PATIENCE_NS = 2 * NS_PER_S  # for a vehicle to tell of its mission after a restart of ours
 WORST_LOGGED_SEVERITY = 4  # MAV_SEVERITY_WARNING
 # these answer one by one and are matched by what they say; all others tell a state, of which only the newest counts
-TRANSFERS = (wire.MissionRequest, wire.MissionAck, wire.MissionCount, wire.MissionItemAt, wire.CommandAck)
+TRANSFERS = frozenset((wire.MissionRequest, wire.MissionAck, wire.MissionCount, wire.MissionItemAt))
+# what no state machine waits for: only the counts, `ready` and the report of the vehicle's state read them
+BYSTANDERS = frozenset((wire.SysStatus, wire.SystemTime, wire.GpsRaw, wire.ExtendedSysState))
 
 
 class Vehicle:
@@ -117,25 +119,38 @@ class Vehicle:
             },
         )
 
-    def receive(self, frame: wire.Received, now_ns: int) -> None:
-        """Take one frame of this autopilot."""
+    def receive(self, frame: wire.Received, now_ns: int) -> bool:
+        """Take one frame of this autopilot; whether `poll` may have something to do for it."""
         self._heard_ns = now_ns
         self._rates.count(frame.message_id)
         message, number = frame.message, self._order.number(frame.seq, now_ns)
         if message is None:
-            return
-        if isinstance(message, wire.CommandAck):
-            self.commands.receive(message)
-        elif isinstance(message, TRANSFERS):
+            return False
+        if (kind := type(message)) in TRANSFERS:
             self.transfer.receive(frame.source, message, now_ns)
-        elif not self._overtaken(frame.message_id, number):
+        elif type(message) is wire.CommandAck:
+            self.commands.receive(message)
+        elif self._overtaken(frame.message_id, number):
+            return False
+        else:
             self.seen.update(message, now_ns)
-            if isinstance(message, wire.Heartbeat):
+            if type(message) is wire.Heartbeat:
                 self._watch_mode(message, now_ns)
-            elif isinstance(message, wire.MissionCurrent):
+            elif type(message) is wire.MissionCurrent:
                 self.transfer.receive(frame.source, message, now_ns)
-            elif isinstance(message, wire.StatusText) and message.severity <= WORST_LOGGED_SEVERITY:
+            elif type(message) is wire.StatusText and message.severity <= WORST_LOGGED_SEVERITY:
                 self._tell(now_ns, EventKind.STATUSTEXT, message.text)
+        return self._is_waited_for(kind)
+
+    def _is_waited_for(self, kind: type[Message]) -> bool:
+        """Whether a message of this kind may give `poll` something to do before `due_ns`."""
+        if kind is wire.GlobalPosition:
+            return self.guided.watches or self.retask.watches or self.launch.watches
+        if kind is wire.PositionTarget:
+            return self.guided.listens
+        if kind is wire.MissionCurrent:
+            return self.retask.watches or self.launch.watches
+        return kind not in BYSTANDERS
 
     def pursue(self, command: Goto | Mission | Hold, now_ns: int) -> bool:
         """Make the vehicle do this from now on. False: nothing was sent, to one that does not obey us."""
@@ -226,9 +241,10 @@ class Vehicle:
 
     def _overtaken(self, message_id: int, number: int) -> bool:
         """Whether a newer message of the kind came first: an old heartbeat must not look like the pilot's doing."""
-        latest = self._latest.get(message_id, number)
-        self._latest[message_id] = max(latest, number)
-        return number < latest
+        if number < self._latest.get(message_id, number):
+            return True
+        self._latest[message_id] = number
+        return False
 
     def _hold(self, now_ns: int) -> bool:
         self.retask.stop()

@@ -20,7 +20,7 @@ from gatar_edge.sim_sitl.faults import LinkFaults
 from gatar_edge.sim_sitl.grid_mission import GridMission, fly
 from gatar_edge.sim_sitl.world import VALIDATION_SEEDS, Team, random_obstacles, random_world
 from gatar_edge.types import CellState, GridSpec, RobotKind, RobotState
-from gatar_edge.view import View, hop_counts
+from gatar_edge.view import View, hop_counts, known
 
 SIZE = 20  # cells a side: larger than the window, so that candidates lie outside it too
 ISOLATED, CONNECTED = 0.0, 1000.0  # r_comm
@@ -48,7 +48,7 @@ def random_view(robots: int, candidates: int, seed: int, r_comm: float) -> View:
     distances = np.stack([path_lengths(robot.kind, robot.cell, passable(robot.kind, belief)) for robot in team])
     lengths = distances[:, targets[:, 0], targets[:, 1]]
     hops = hop_counts(team, r_comm, 2)
-    return View(0, team, hops, belief, targets.astype(np.int16), distances, lengths)
+    return View(0, team, known(hops), belief, targets.astype(np.int16), distances, lengths)
 
 
 def random_state(robots: int, candidates: int, seed: int, r_comm: float) -> Inputs:

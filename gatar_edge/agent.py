@@ -36,7 +36,7 @@ from gatar_edge.types import (
     TaskKind,
     VehicleCommand,
 )
-from gatar_edge.view import View, build_view, without
+from gatar_edge.view import View, build_view, hops_from_ego, without
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,7 +218,7 @@ class Agent:
             fallback=fallback,
             retask=retask,
             robots=view.robots,
-            hops=tuple(view.hops[0].tolist()),
+            hops=hops_from_ego(view.robots, self.config.r_comm, self.config.hop_limit),
             candidates=_candidates(view, allocation),
             choices=tuple(allocation.choices.tolist()),
             attention=allocation.attention,

@@ -21,14 +21,12 @@ from foxglove_schemas_protobuf import (
     LocationFix_pb2,
     Log_pb2,
     PackedElementField_pb2,
-    Point3_pb2,
     Pose_pb2,
     Quaternion_pb2,
     RawImage_pb2,
     SceneEntity_pb2,
     SceneUpdate_pb2,
     SpherePrimitive_pb2,
-    TextPrimitive_pb2,
     Vector2_pb2,
     Vector3_pb2,
 )
@@ -122,7 +120,7 @@ def descriptor_set(schema: str) -> bytes:
 def grid(states: ByteGrid, spec: GridSpec, now_ns: int) -> bytes:
     """A foxglove.Grid of `states` [W, H]; row 0 is the southernmost."""
     message = _grid(states.shape[0], spec.cell_m)
-    message.timestamp.CopyFrom(_stamp(now_ns))
+    _set_stamp(message.timestamp, now_ns)
     message.data = states.T.tobytes()
     return bytes(message.SerializeToString())
 
@@ -169,26 +167,32 @@ def image(states: ByteGrid, now_ns: int) -> bytes:
 
 def location(state: VehicleState, robot_id: int) -> bytes:
     """A foxglove.LocationFix of the autopilot's own position."""
-    message = LocationFix_pb2.LocationFix(
-        timestamp=_stamp(state.position_t_ns),
-        frame_id=robot_frame(robot_id),
-        latitude=state.lat_deg,
-        longitude=state.lon_deg,
-        altitude=state.alt_rel_m,
-    )
+    message = _location(robot_id)
+    _set_stamp(message.timestamp, state.position_t_ns)
+    message.latitude, message.longitude, message.altitude = state.lat_deg, state.lon_deg, state.alt_rel_m
     return bytes(message.SerializeToString())
+
+
+@lru_cache(maxsize=64)
+def _location(robot_id: int) -> Any:
+    """What `location` serializes, but for its time and place, which alone may be changed."""
+    return LocationFix_pb2.LocationFix(frame_id=robot_frame(robot_id))
 
 
 def frame(robot_id: int, x_cell: float, y_cell: float, spec: GridSpec, now_ns: int) -> bytes:
     """A foxglove.FrameTransform from the map to a robot."""
-    message = FrameTransform_pb2.FrameTransform(
-        timestamp=_stamp(now_ns),
-        parent_frame_id=MAP_FRAME,
-        child_frame_id=robot_frame(robot_id),
-        translation=Vector3_pb2.Vector3(x=_metres(x_cell, spec), y=_metres(y_cell, spec), z=0.0),
-        rotation=_UPRIGHT,
-    )
+    message = _frame(robot_id)
+    _set_stamp(message.timestamp, now_ns)
+    message.translation.x, message.translation.y = _metres(x_cell, spec), _metres(y_cell, spec)
     return bytes(message.SerializeToString())
+
+
+@lru_cache(maxsize=64)
+def _frame(robot_id: int) -> Any:
+    """What `frame` serializes, but for its time and place, which alone may be changed."""
+    return FrameTransform_pb2.FrameTransform(
+        parent_frame_id=MAP_FRAME, child_frame_id=robot_frame(robot_id), rotation=_UPRIGHT
+    )
 
 
 def log_line(level: Level, robot_id: int, text: str, now_ns: int) -> bytes:
@@ -212,7 +216,7 @@ def robot_scene(decision: Decision, kind: RobotKind, spec: GridSpec, now_ns: int
     assignment = decision.assignment
     way = (assignment.path, assignment.cell) if assignment.kind is not TaskKind.HOLD else None
     scene = _robot_scene(decision.robot_id, kind, decision.cell, way, assignment.reason.value, spec)
-    scene.entities[0].timestamp.CopyFrom(_stamp(now_ns))
+    _set_stamp(scene.entities[0].timestamp, now_ns)
     return bytes(scene.SerializeToString())
 
 
@@ -225,23 +229,27 @@ def _robot_scene(
     entity = SceneEntity_pb2.SceneEntity(frame_id=MAP_FRAME, id=robot_frame(robot_id))
     color = _color(_ROBOT_RGB[kind])
     x, y, z = (*_centre(cell, spec), height * spec.cell_m)
-    size = Vector3_pb2.Vector3(x=0.6 * spec.cell_m, y=0.6 * spec.cell_m, z=0.2 * spec.cell_m)
-    if kind is RobotKind.UAV:
-        entity.spheres.append(SpherePrimitive_pb2.SpherePrimitive(pose=_pose(x, y, z), size=size, color=color))
-    else:
-        entity.cubes.append(CubePrimitive_pb2.CubePrimitive(pose=_pose(x, y, z), size=size, color=color))
-    entity.texts.append(
-        TextPrimitive_pb2.TextPrimitive(
-            pose=_pose(x, y, z + 0.5 * spec.cell_m),
-            billboard=True,
-            font_size=14.0,
-            scale_invariant=True,
-            color=color,
-            text=f"{kind.name} {robot_id} {reason}",
-        )
+    body = entity.spheres if kind is RobotKind.UAV else entity.cubes
+    body.add(pose=_pose(x, y, z), size=_robot_size(spec.cell_m), color=color)
+    entity.texts.add(
+        pose=_pose(x, y, z + 0.5 * spec.cell_m),
+        billboard=True,
+        font_size=14.0,
+        scale_invariant=True,
+        color=color,
+        text=f"{kind.name} {robot_id} {reason}",
     )
     if way is not None:
-        entity.lines.append(_line([cell, *way[0], way[1]], z, color, spec))
+        line = entity.lines.add(
+            type=LinePrimitive_pb2.LinePrimitive.LINE_STRIP,
+            pose=_pose(0.0, 0.0, 0.0),
+            thickness=3.0,
+            scale_invariant=True,
+            color=color,
+        )
+        for place in (cell, *way[0], way[1]):
+            x, y = _centre(place, spec)
+            line.points.add(x=x, y=y, z=z)
     return SceneUpdate_pb2.SceneUpdate(entities=[entity])
 
 
@@ -275,29 +283,24 @@ def _balls(mask: BoolGrid, color: Any, spec: GridSpec) -> Iterable[Any]:
         yield SpherePrimitive_pb2.SpherePrimitive(pose=pose, size=side, color=color)
 
 
-def _line(cells: list[Cell], z: float, color: Any, spec: GridSpec) -> Any:
-    points = []
-    for cell in cells:
-        x, y = _centre(cell, spec)
-        points.append(Point3_pb2.Point3(x=x, y=y, z=z))
-    return LinePrimitive_pb2.LinePrimitive(
-        type=LinePrimitive_pb2.LinePrimitive.LINE_STRIP,
-        pose=_pose(0.0, 0.0, 0.0),
-        thickness=3.0,
-        scale_invariant=True,
-        points=points,
-        color=color,
-    )
+@lru_cache(maxsize=8)
+def _robot_size(cell_m: float) -> Any:
+    return Vector3_pb2.Vector3(x=0.6 * cell_m, y=0.6 * cell_m, z=0.2 * cell_m)
 
 
 def _stamp(t_ns: int) -> Timestamp:
     return Timestamp(seconds=t_ns // NS_PER_S, nanos=t_ns % NS_PER_S)
 
 
+def _set_stamp(stamp: Timestamp, t_ns: int) -> None:
+    stamp.seconds, stamp.nanos = divmod(t_ns, NS_PER_S)
+
+
 def _pose(x: float, y: float, z: float) -> Any:
     return Pose_pb2.Pose(position=Vector3_pb2.Vector3(x=x, y=y, z=z), orientation=_UPRIGHT)
 
 
+@lru_cache(maxsize=32)  # shared: whoever puts it into a message copies it
 def _color(rgb: tuple[int, int, int]) -> Any:
     return Color_pb2.Color(r=rgb[0] / 255, g=rgb[1] / 255, b=rgb[2] / 255, a=1.0)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any, Protocol
 
 import zstandard
@@ -34,6 +35,7 @@ from mcap.writer import MCAP0_MAGIC
 
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time; then the data
 _BEFORE_DATA = _MESSAGE.size - 9  # of what the length counts
+_MESSAGE_INDEX = int(Opcode.MESSAGE_INDEX)
 _FOOTER_HEAD = struct.Struct("<BQQQ")
 
 
@@ -104,8 +106,9 @@ class McapWriter:
             index[channel_id] += (log_ns, self._size)
         else:
             index[channel_id] = [log_ns, self._size]
-        self._parts += (_MESSAGE.pack(5, _BEFORE_DATA + len(data), channel_id, 0, log_ns, publish_ns), data)
-        self._size += _MESSAGE.size + len(data)
+        length = _BEFORE_DATA + len(data)
+        self._parts += (_MESSAGE.pack(5, length, channel_id, 0, log_ns, publish_ns), data)
+        self._size += 9 + length
         if self._size > self._chunk_bytes:
             self._finish_chunk()
 
@@ -199,4 +202,9 @@ def _packed(record: McapRecord) -> bytes:
 
 def _packed_index(channel_id: int, entries: list[int]) -> bytes:
     size = 8 * len(entries)
-    return struct.pack(f"<BQHI{len(entries)}Q", Opcode.MESSAGE_INDEX, 6 + size, channel_id, size, *entries)
+    return _index_layout(len(entries)).pack(_MESSAGE_INDEX, 6 + size, channel_id, size, *entries)
+
+
+@lru_cache(maxsize=256)  # most topics have a few messages in each chunk
+def _index_layout(entries: int) -> struct.Struct:
+    return struct.Struct(f"<BQHI{entries}Q")

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from enum import StrEnum
-from itertools import takewhile
 from operator import attrgetter
 
 import msgspec
@@ -111,8 +110,8 @@ class NeighborTable:
         self._r_comm = r_comm
         self._max_neighbors = max_neighbors
         self._authors: dict[int, Neighbor] = {}  # in order of reception, the longest silent first
-        self._places: dict[int, Place] = {}  # of the fresh ones at `_placed_ns`
-        self._placed_ns: int | None = None
+        self._placed_ns = -1
+        self._placed: dict[int, Place] = {}  # where the neighbours of that moment were and how far they may have gone
 
     def hear(self, data: bytes | bytearray | memoryview, now_ns: int, own_cell: Cell | None = None) -> Heard:
         """Judge one datagram received at `now_ns`; a robot that does not know its own cell passes on all that is news.
@@ -143,7 +142,7 @@ class NeighborTable:
     def recall(self, neighbors: tuple[Neighbor, ...]) -> None:
         """Know what `remembered` gave, and nothing else."""
         self._authors = {neighbor.robot_id: neighbor for neighbor in neighbors}
-        self._placed_ns = None
+        self._placed_ns = -1
 
     def _judge(self, data: bytes, now_ns: int, own_cell: Cell | None) -> Heard:
         try:
@@ -174,24 +173,37 @@ class NeighborTable:
         """A message that was relayed before is news to few: those pass it on."""
         if own_cell is None or message.hops > 0:
             return True
-        if self._placed_ns != now_ns:  # messages come in bursts
-            fresh = self._not_older(now_ns - self._max_age_ns)
-            self._places = {neighbor.robot_id: neighbor.place(now_ns) for neighbor in fresh}
-            self._placed_ns = now_ns
+        others = self._places(now_ns)
         author = Neighbor(message, now_ns).place(now_ns)
-        return passes_on(Place(self._robot_id, own_cell), author, message.seq, self._places.values(), self._r_comm)
+        return passes_on(Place(self._robot_id, own_cell), author, message.seq, others.values(), self._r_comm)
+
+    def _places(self, now_ns: int) -> dict[int, Place]:
+        """Where the neighbours are, by id: worked out once for all that is heard in one moment."""
+        if now_ns != self._placed_ns:
+            fresh = self._not_older(now_ns - self._max_age_ns)
+            self._placed_ns, self._placed = now_ns, {neighbor.robot_id: neighbor.place(now_ns) for neighbor in fresh}
+        return self._placed
 
     def _not_older(self, oldest_ns: int) -> list[Neighbor]:
         """Neighbours heard since `oldest_ns`, the last heard first."""
-        return list(takewhile(lambda neighbor: neighbor.heard_ns >= oldest_ns, reversed(self._authors.values())))
+        found = []
+        for neighbor in reversed(self._authors.values()):
+            if neighbor.heard_ns < oldest_ns:
+                break
+            found.append(neighbor)
+        return found
 
     def _remember(self, neighbor: Neighbor) -> None:
         self._authors.pop(neighbor.robot_id, None)  # so that the new entry is the last
         if len(self._authors) >= MAX_AUTHORS:
-            del self._authors[next(iter(self._authors))]
+            forgotten = next(iter(self._authors))
+            del self._authors[forgotten]
+            self._placed.pop(forgotten, None)
         self._authors[neighbor.robot_id] = neighbor
         if neighbor.heard_ns == self._placed_ns:
-            self._places[neighbor.robot_id] = neighbor.place(neighbor.heard_ns)
+            self._placed[neighbor.robot_id] = neighbor.place(neighbor.heard_ns)
+        else:
+            self._placed_ns = -1
 
 
 _author = attrgetter("message.robot_id")

@@ -76,12 +76,14 @@ def decide(view: View, allocation: Allocation, task: Task, rules: Rules) -> Assi
 def contested(view: View) -> npt.NDArray[np.bool_]:
     """Targets that another robot of the view is on its way to, and nearer (ties by id): bool [M]."""
     taken = np.zeros(len(view.targets), dtype=np.bool_)
-    times = travel_times(view)
-    ego = view.robots[0]
+    claims = [(row, robot) for row, robot in enumerate(view.robots) if row and robot.task is TaskKind.TARGET]
+    if not claims:
+        return taken
+    time, ego = travel_times(view).item, view.robots[0]
     index_of = {(x, y): index for index, (x, y) in enumerate(view.targets.tolist())}
-    for row, robot in enumerate(view.robots[1:], start=1):
-        index = index_of.get(robot.task_cell) if robot.task is TaskKind.TARGET else None
-        if index is not None and (times[row, index], robot.robot_id) < (times[0, index], ego.robot_id):
+    for row, robot in claims:
+        index = index_of.get(robot.task_cell)
+        if index is not None and (time(row, index), robot.robot_id) < (time(0, index), ego.robot_id):
             taken[index] = True
     return taken
 

@@ -6,9 +6,9 @@ changes float sums, and every robot of a graph must break ties alike.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from operator import attrgetter
 
 import numpy as np
@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from gatar_edge.belief import known_targets
 from gatar_edge.grid import UNREACHABLE, lengths_from, passable, path_lengths
-from gatar_edge.types import ByteGrid, Cell, Cells, IntGrid, RobotKind, RobotState
+from gatar_edge.types import BoolGrid, ByteGrid, Cell, Cells, IntGrid, RobotKind, RobotState
 
 Hops = npt.NDArray[np.int8]
 FAR_HOPS = 2  # of robots that are remembered but not heard
@@ -28,12 +28,17 @@ class View:
 
     now_ns: int
     robots: tuple[RobotState, ...]  # N robots, ego first, the rest sorted by id
-    hops: Hops  # [N, N]: 0 itself, 1 neighbour, ... hop_limit; -1 farther
+    graph: Callable[[], Hops]  # gives `hops`: most allocators do not ask for them
     belief: ByteGrid  # [W, H]
     targets: Cells  # [M, 2], known and not localized, sorted by x, then y
     distances: IntGrid  # [N, W, H], steps from each robot to each cell, -1 unreachable
     lengths: IntGrid  # [N, M], `distances` at the targets
     absent: tuple[RobotState, ...] = ()  # heard before, out of range now, where they are expected; sorted by id
+
+    @property
+    def hops(self) -> Hops:
+        """Hops between the robots, [N, N]: 0 itself, 1 neighbour, ... hop_limit; -1 farther."""
+        return self.graph()
 
 
 def build_view(
@@ -55,7 +60,8 @@ def build_view(
         nearest = np.argsort(np.where(way == UNREACHABLE, np.iinfo(np.int32).max, way), kind="stable")[:most]
         targets = targets[np.sort(nearest)]
     lengths = distances[:, targets[:, 0], targets[:, 1]]
-    return View(now_ns, robots, hop_counts(robots, r_comm, hop_limit), belief, targets, distances, lengths, absent)
+    graph = partial(hop_counts, robots, r_comm, hop_limit)
+    return View(now_ns, robots, graph, belief, targets, distances, lengths, absent)
 
 
 _robot_id = attrgetter("robot_id")
@@ -71,7 +77,7 @@ def distances_of(robots: Sequence[RobotState], belief: ByteGrid) -> IntGrid:
 def with_absent(view: View) -> View:
     """The view with the absent robots among its robots, `FAR_HOPS` from everybody; so are all that are out of range."""
     if not view.absent:
-        return replace(view, hops=_far(view.hops))
+        return replace(view, graph=known(_far(view.hops)))
     robots = (view.robots[0], *sorted((*view.robots[1:], *view.absent), key=lambda robot: robot.robot_id))
     old = {robot.robot_id: row for row, robot in enumerate(view.robots)}
     rows = [old.get(robot.robot_id, -1) for robot in robots]
@@ -81,7 +87,12 @@ def with_absent(view: View) -> View:
     distances = view.distances[rows]
     distances[new] = distances_of([robot for robot in robots if robot.robot_id not in old], view.belief)
     lengths = distances[:, view.targets[:, 0], view.targets[:, 1]]
-    return replace(view, robots=robots, hops=_far(hops), distances=distances, lengths=lengths)
+    return replace(view, robots=robots, graph=known(_far(hops)), distances=distances, lengths=lengths)
+
+
+def known(hops: Hops) -> Callable[[], Hops]:
+    """The `graph` of a view whose hops are worked out already."""
+    return lambda: hops
 
 
 def _far(hops: Hops) -> Hops:
@@ -106,6 +117,25 @@ def without(view: View, cells: Iterable[Cell]) -> View:
     return replace(view, distances=distances, lengths=lengths)
 
 
+def hops_from_ego(robots: Sequence[RobotState], r_comm: float, hop_limit: int) -> tuple[int, ...]:
+    """The first row of `hop_counts`, at a part of its cost."""
+    cells = [robot.cell for robot in robots]
+    hops, front, left = [0] + [-1] * (len(cells) - 1), [0], [*range(1, len(cells))]
+    for limit in range(1, max(1, hop_limit) + 1):
+        senders = [cells[row] for row in front]
+        front = [row for row in left if _hears_any(cells[row], senders, r_comm * r_comm)]
+        if not front:
+            break
+        for row in front:
+            hops[row] = limit
+            left.remove(row)
+    return tuple(hops)
+
+
+def _hears_any(cell: Cell, senders: Iterable[Cell], r_comm_squared: float) -> bool:
+    return any((x - cell[0]) ** 2 + (y - cell[1]) ** 2 <= r_comm_squared for x, y in senders)
+
+
 def hop_counts(robots: Sequence[RobotState], r_comm: float, hop_limit: int) -> Hops:
     """Hops between robots in the radius graph (eq. 4 of the paper: within `r_comm` cells, Euclidean): int8 [N, N]."""
     return _hops_between(tuple([robot.cell for robot in robots]), r_comm, hop_limit)
@@ -113,16 +143,16 @@ def hop_counts(robots: Sequence[RobotState], r_comm: float, hop_limit: int) -> H
 
 @lru_cache(maxsize=64)  # for a tick or two nobody may leave its cell
 def _hops_between(places: tuple[Cell, ...], r_comm: float, hop_limit: int) -> Hops:
-    cells = np.array(places, dtype=np.float64)
-    products = cells @ cells.T  # of whole numbers: exact, and so are the squares of distances below
-    squares = products.diagonal()
-    near = squares[:, None] + squares - 2 * products <= r_comm * r_comm
+    x, y = np.array([cell[0] for cell in places]), np.array([cell[1] for cell in places])
+    across, along = x[:, None] - x, y[:, None] - y
+    near = across * across + along * along <= r_comm * r_comm
     links = near.astype(np.float32)  # counts of at most N, exact in single precision
-    reached, within = links, near.astype(np.int16)  # in how many of the limits up to `hop_limit` a robot is reached
+    reached: BoolGrid = near
+    within = near.astype(np.int16)  # in how many of the limits up to `hop_limit` a robot is reached
     for _ in range(2, hop_limit + 1):
-        reached = (reached @ links > 0).astype(np.float32)
-        within += reached > 0
-    hops = _hops_within(hop_limit)[within]
+        reached = reached @ links > 0
+        within += reached
+    hops: Hops = _hops_within(hop_limit)[within]
     np.fill_diagonal(hops, 0)
     hops.flags.writeable = False
     return hops

@@ -46,10 +46,11 @@ class Body:
 
     def step(self, now_ns: int) -> None:
         """Physics up to now."""
-        before, place_m = self.autopilot.body, self.autopilot.place_m
-        self.autopilot.step(now_ns)
-        if self.autopilot.body is not before:
-            self.travelled_m += math.dist(place_m, self.autopilot.place_m)
+        autopilot = self.autopilot
+        before, place_m = autopilot.body, autopilot.place_m
+        autopilot.step(now_ns)
+        if autopilot.body is not before:
+            self.travelled_m += math.dist(place_m, autopilot.place_m)
 
     @property
     def cell(self) -> Cell:

@@ -209,7 +209,7 @@ class Fleet:
         return self.tally.result(self.step)
 
     def _launched(self, now_ns: int) -> bool:
-        ready = all(robot.driver.state(now_ns).ready for robot in self.robots)
+        ready = all(robot.driver.ready(now_ns) for robot in self.robots)
         return ready or now_ns >= self.config.launch_timeout_s * NS_PER_S
 
     def _begin(self, now_ns: int) -> None:
@@ -241,16 +241,21 @@ class Fleet:
     def _deliver(self, now_ns: int) -> None:
         """Everything that is due on the air, relays at once."""
         positions: dict[int, Cell] | None = None  # worked out where somebody relays
+        log, by_id = self.log, self._by_id
         while deliveries := self.radio.deliver(now_ns):
-            hearing = [(self._by_id[receiver], data) for receiver, data in deliveries if self._by_id[receiver].thinks]
-            heard = [(robot, data, robot.agent.hear(data, now_ns + robot.skew_ns)) for robot, data in hearing]
-            if self.log is not None:
-                for robot, data, what in heard:
-                    self.log.heard(robot.robot_id, data, what.outcome, now_ns + robot.skew_ns)
-            for robot, _, what in heard:
+            relays: list[tuple[Robot, bytes]] = []
+            for receiver, data in deliveries:
+                robot = by_id[receiver]
+                if not robot.thinks:
+                    continue
+                what = robot.agent.hear(data, now_ns + robot.skew_ns)
+                if log is not None:
+                    log.heard(receiver, data, what.outcome, now_ns + robot.skew_ns)
                 if what.relay is not None:
-                    positions = positions or self._positions()
-                    self._send(robot, what.relay, positions, now_ns)
+                    relays.append((robot, what.relay))
+            for robot, relay in relays:
+                positions = positions or self._positions()
+                self._send(robot, relay, positions, now_ns)
 
     def _send(self, robot: Robot, datagram: bytes, positions: dict[int, Cell], now_ns: int) -> None:
         self.tally.sent(datagram)

@@ -40,6 +40,8 @@ class ParameterServer:
 
     def step(self) -> None:
         """Say some more of the list."""
+        if not self._listed:
+            return
         for _ in range(min(_PER_STEP, len(self._listed))):
             self._say(self._listed.popleft(), indexed=True)
 

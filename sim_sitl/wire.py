@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import struct
 from collections.abc import Callable
-from functools import cache
+from functools import cache, lru_cache
 from operator import itemgetter
 from typing import Any, NamedTuple
 
@@ -39,7 +39,8 @@ class _Layout(NamedTuple):
     number: int
     width: int  # how many fields
     ordered: Callable[[dict[str, Any]], tuple[Any, ...]]  # the fields in the order of the wire
-    pack: Callable[..., bytes]
+    given: Callable[[tuple[Any, ...]], tuple[Any, ...]]  # from that order to that of the message's arguments
+    payload: struct.Struct
     crc_extra: bytes
 
 
@@ -48,8 +49,16 @@ def _layout(name: str) -> _Layout:
     kind = getattr(mavlink, f"MAVLink_{name.lower()}_message")
     plain = all(length == 1 for length in kind.lengths) and "s" not in kind.unpacker.format
     width = len(kind.ordered_fieldnames) if plain and len(kind.ordered_fieldnames) > 1 else 0
-    ordered = itemgetter(*kind.ordered_fieldnames)
-    return _Layout(kind, kind.id, width, ordered, kind.unpacker.pack, bytes([kind.crc_extra]))
+    ordered, given = itemgetter(*kind.ordered_fieldnames), itemgetter(*kind.orders)
+    return _Layout(kind, kind.id, width, ordered, given, kind.unpacker, bytes([kind.crc_extra]))
+
+
+@lru_cache(maxsize=512)  # the number is what a peer claims
+def _layout_of(number: int) -> _Layout | None:
+    """The layout of a message without arrays, by its number."""
+    kind = mavlink.mavlink_map.get(number)
+    layout = _layout(kind.msgname) if kind is not None else None
+    return layout if layout is not None and layout.width else None
 
 
 def _slow_checksum(data: bytes) -> int:
@@ -127,6 +136,9 @@ class Wire:
 
     def _decode(self, frame: bytes) -> list[Message]:
         """`parse` of the usual datagram, without pymavlink's search for where frames begin and end."""
+        plain = _plainly_decoded(frame)
+        if plain is not None:
+            return [plain]
         try:
             message = self._codec.decode(bytearray(frame))
         except (mavlink.MAVError, struct.error, ValueError, TypeError, LookupError):
@@ -148,8 +160,21 @@ class Wire:
         if codec.signing.sign_outgoing or len(fields) != layout.width:
             return bytes(layout.kind(**fields).pack(codec))
         # the usual case, as pymavlink would pack it at several times the cost
-        payload = layout.pack(*layout.ordered(fields)).rstrip(b"\0") or b"\0"
+        payload = layout.payload.pack(*layout.ordered(fields)).rstrip(b"\0") or b"\0"
         number = layout.number
         source = codec.seq, codec.srcSystem, codec.srcComponent
         frame = _HEADER.pack(0xFD, len(payload), 0, 0, *source, number & 0xFFFF, number >> 16) + payload
         return frame + _checksum(frame[1:] + layout.crc_extra).to_bytes(2, "little")
+
+
+def _plainly_decoded(frame: bytes) -> Message | None:
+    """What `_is_one_frame` where it is whole and holds no arrays: what pymavlink would give, at a third of its cost."""
+    layout = _layout_of(frame[7] | frame[8] << 8 | frame[9] << 16)
+    if layout is None or _checksum(frame[1:-2] + layout.crc_extra) != frame[-2] | frame[-1] << 8:
+        return None
+    size = layout.payload.size
+    values = layout.payload.unpack(frame[10:-2][:size].ljust(size, b"\0"))
+    message = layout.kind(*layout.given(values))
+    header = message.get_header()
+    header.mlen, header.compat_flags, header.seq, header.srcSystem, header.srcComponent = frame[1], *frame[3:7]
+    return message

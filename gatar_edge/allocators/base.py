@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Protocol, runtime_checkable
 
 import msgspec
@@ -57,5 +58,11 @@ def scores_of(times: npt.NDArray[np.float64]) -> Floats:
 
 def in_id_order(view: View) -> npt.NDArray[np.int64]:
     """Rows of the view sorted by robot id: every robot of a graph breaks ties in this order."""
-    ids = [robot.robot_id for robot in view.robots]
-    return np.array(sorted(range(len(ids)), key=ids.__getitem__), dtype=np.int64)
+    return _order_of(tuple([robot.robot_id for robot in view.robots]))
+
+
+@lru_cache(maxsize=256)  # a team stays together for many ticks
+def _order_of(ids: tuple[int, ...]) -> npt.NDArray[np.int64]:
+    order = np.array(sorted(range(len(ids)), key=ids.__getitem__), dtype=np.int64)
+    order.flags.writeable = False
+    return order

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -14,10 +16,12 @@ def greedy_pairs(times: npt.NDArray[np.float64]) -> Choices:
     robots, targets = times.shape
     choices = [NO_TARGET] * robots
     taken = [False] * targets
-    pairs = times.argsort(axis=None, kind="stable")
-    rows, columns = np.divmod(pairs[: np.count_nonzero(np.isfinite(times))], targets)
+    flat = times.ravel().tolist()
     left = min(robots, targets)
-    for robot, target in zip(rows.tolist(), columns.tolist(), strict=True):
+    for pair in times.argsort(axis=None, kind="stable").tolist():
+        if not flat[pair] < math.inf:
+            break
+        robot, target = divmod(pair, targets)
         if choices[robot] == NO_TARGET and not taken[target]:
             choices[robot] = target
             taken[target] = True

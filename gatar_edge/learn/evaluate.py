@@ -23,7 +23,7 @@ from gatar_edge.learn.plans import GREEDY
 from gatar_edge.learn.views import Batch, Group, batch_of
 from gatar_edge.sim_sitl.world import VALIDATION_SEEDS, Team, random_world
 from gatar_edge.types import NS_PER_S, RobotKind, RobotState, TaskKind
-from gatar_edge.view import View
+from gatar_edge.view import View, known
 
 TEST_SEEDS = VALIDATION_SEEDS  # seeds below are for tests
 SAMPLES_PER_WORLD = 20  # of about 90: samples of one world are alike
@@ -149,7 +149,7 @@ def view_at(batch: Batch, index: int) -> View:
     distances = arrays.distances[index, rows]
     hops = arrays.hops[index][np.ix_(rows, rows)].astype(np.int8)
     lengths = distances[:, targets[:, 0], targets[:, 1]]
-    return View(0, robots, hops, arrays.belief[index], targets, distances, lengths)
+    return View(0, robots, known(hops), arrays.belief[index], targets, distances, lengths)
 
 
 def _judge(

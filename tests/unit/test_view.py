@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 from builders import belief_of, robot, view_of
+from hypothesis import given
+from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.grid import UNREACHABLE
 from gatar_edge.tasks import Rules, Task, decide
 from gatar_edge.types import RobotKind
-from gatar_edge.view import FAR_HOPS, build_view, distances_of, hop_counts, travel_times, with_absent, without
+from gatar_edge.view import (
+    FAR_HOPS,
+    build_view,
+    distances_of,
+    hop_counts,
+    hops_from_ego,
+    travel_times,
+    with_absent,
+    without,
+)
 
 OPEN = belief_of("\n".join(["." * 20] * 3))
 
@@ -19,6 +30,15 @@ def test_hops_count_radio_links_up_to_the_limit() -> None:
     chain = [robot(1, (0, 0)), robot(2, (5, 0)), robot(3, (10, 0)), robot(4, (15, 0))]
     assert hop_counts(chain, 6, 2)[0].tolist() == [0, 1, 2, -1]
     assert hop_counts(chain, 6, 3)[0].tolist() == [0, 1, 2, 3]
+
+
+@given(
+    cells=st.lists(st.tuples(st.integers(0, 14), st.integers(0, 14)), min_size=1, max_size=12),
+    limit=st.integers(0, 4),
+)
+def test_the_hops_from_ego_are_the_first_row_of_all_hops(cells: list[tuple[int, int]], limit: int) -> None:
+    team = [robot(number, cell) for number, cell in enumerate(cells, start=1)]
+    assert hops_from_ego(team, 4.5, limit) == tuple(hop_counts(team, 4.5, limit)[0].tolist())
 
 
 def test_the_radio_range_is_inclusive_and_round() -> None:
