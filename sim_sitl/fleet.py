@@ -280,6 +280,7 @@ class Fleet:
         its_ns = now_ns + robot.skew_ns
         seen = observe(self.config.world, robot.robot_id, robot.body.cell, self.config.agent.r_sense, its_ns)
         robot.give_up(its_ns)
+        robot.agent.has_vehicle = robot.driver.ready(now_ns)
         start_ns = time.perf_counter_ns()
         out = robot.agent.tick(its_ns, Inbox(seen))
         return Thought(robot, seen, out, time.perf_counter_ns() - start_ns)
