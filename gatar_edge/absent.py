@@ -1,11 +1,13 @@
-"""Where robots are that were heard before and are out of range now: remembered on their way to their goals.
+"""Where robots are that were heard before and are out of range now: remembered, and moved on towards their goals.
 
 A robot that should be heard and is not, is not there: one whose expected place lies within radio range of ego or of a
-neighbour of ego's is left out, and no target is kept for it. Nor is one reckoned with that must have come to its goal:
-it has visited its target and set out for another one, or it died on the way; nobody here knows where it is. A robot
-that died on its way to a goal out of earshot looks like one that goes on: it is reckoned with until it would have
-arrived, `REMEMBER_S` have passed, or somebody comes near enough to miss it. Until then an allocator that remembers may
-leave its target to it; `tasks.abandoned` takes that target at once where nothing else is left to do.
+neighbour of ego's is left out, and no target is kept for it. Nor is one that must have come to its goal, while ego
+hears others: who lives and goes on comes into earshot of one of them before long, and what nobody hears of may well be
+dead. To a robot that hears nobody, silence says nothing: it reckons with the other one at its goal.
+
+A robot that died on its way to a goal out of earshot looks like one that goes on. So an allocator that remembers may
+leave its target to it until it would have arrived, at most for `REMEMBER_S`; `tasks.abandoned` takes that target at
+once where nothing else is left to do.
 """
 
 from __future__ import annotations
@@ -20,12 +22,10 @@ from gatar_edge.types import NS_PER_S, Cell, RobotState, TaskKind
 REMEMBER_S = 30.0  # since a robot was last heard
 
 
-def expected_cell(cell: Cell, goal: Cell, travelled: float) -> Cell | None:
-    """Where a robot is that left `cell` straight for `goal` and has `travelled` so many cells; None: it is past."""
-    way = abs(goal[0] - cell[0]) + abs(goal[1] - cell[1])
-    if travelled > way:
-        return None
-    share = travelled / way if way else 0.0
+def expected_cell(cell: Cell, goal: Cell, travelled: float) -> Cell:
+    """Where a robot is that left `cell` straight for `goal` and has `travelled` so many cells; then it waits."""
+    way = _way(cell, goal)
+    share = min(1.0, travelled / way) if way else 1.0
     x, y = (math.floor(a + share * (b - a) + 0.5) for a, b in zip(cell, goal, strict=True))
     return x, y
 
@@ -36,11 +36,19 @@ def out_of_range(last_heard: Iterable[RobotState], near: Sequence[RobotState], r
     `near` are ego and its direct neighbours.
     """
     found = []
+    alone = len(near) == 1
     for robot in last_heard:
         if robot.age_ns > REMEMBER_S * NS_PER_S:
             continue
         goal = robot.task_cell if robot.task is not TaskKind.HOLD else robot.cell
-        cell = expected_cell(robot.cell, goal, robot.age_ns / NS_PER_S * robot.speed_cells_s)
-        if cell is not None and all(math.dist(cell, other.cell) > r_comm for other in near):
+        travelled = robot.age_ns / NS_PER_S * robot.speed_cells_s
+        if not alone and travelled > _way(robot.cell, goal):
+            continue
+        cell = expected_cell(robot.cell, goal, travelled)
+        if all(math.dist(cell, other.cell) > r_comm for other in near):
             found.append(replace(robot, cell=cell))
     return tuple(sorted(found, key=lambda robot: robot.robot_id))
+
+
+def _way(cell: Cell, goal: Cell) -> int:
+    return abs(goal[0] - cell[0]) + abs(goal[1] - cell[1])

@@ -60,9 +60,12 @@ def reckon(
 ) -> None:  # fmt: skip
     """With whom robot `n` reckons, and where, into `out` uint8 [N, 3]: cell and age in steps, `NOBODY` where not.
 
-    As the agent does: what is fresh counts where it was heard; what fell silent, where it is expected on its way,
-    unless it should be heard there or has arrived (`absent.out_of_range`).
+    As the agent does: what is fresh counts where it was heard; what fell silent, where it is expected, unless it should
+    be heard there, or must have arrived and somebody else is heard (`absent.out_of_range`).
     """
+    alone = True
+    for m in range(len(cells)):
+        alone &= m == n or ears[n, m] != 1
     for m in range(len(cells)):
         out[m] = NOBODY
         age = step - heard[n, m]
@@ -74,13 +77,13 @@ def reckon(
         x, y = last[n, m, 0], last[n, m, 1]
         if age > FRESH:
             gx, gy = last[n, m, 2], last[n, m, 3]
-            way = abs(gx - x) + abs(gy - y)
-            travelled = age * speeds[m]
-            if gx < 0 or travelled > way:
+            way = abs(gx - x) + abs(gy - y) if gx >= 0 else 0
+            if not alone and age * speeds[m] > way:
                 continue
-            share_done = travelled / way if way else 0.0
-            x = int(np.floor(x + share_done * (gx - x) + 0.5))
-            y = int(np.floor(y + share_done * (gy - y) + 0.5))
+            if gx >= 0 and way > 0:
+                share_done = min(1.0, age * speeds[m] / way)
+                x = int(np.floor(x + share_done * (gx - x) + 0.5))
+                y = int(np.floor(y + share_done * (gy - y) + 0.5))
             audible = False
             for k in range(len(cells)):
                 if k == n or ears[n, k] == 1:
