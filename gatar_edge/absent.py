@@ -2,8 +2,9 @@
 
 A robot that should be heard and is not, is not there: one whose expected place lies within radio range of ego or of a
 neighbour of ego's is left out, and no target is kept for it. Nor is one that must have come to its goal, while ego
-hears others: who lives and goes on comes into earshot of one of them before long, and what nobody hears of may well be
-dead. To a robot that hears nobody, silence says nothing: it reckons with the other one at its goal.
+hears more robots than have fallen silent: who lives and goes on is heard of again before long, and what most of the
+team does not hear of may well be dead. To a robot that hears few, silence says little: it reckons with the others at
+their goals.
 
 A robot that died on its way to a goal out of earshot looks like one that goes on. So an allocator that remembers may
 leave its target to it until it would have arrived, at most for `REMEMBER_S`; `tasks.abandoned` takes that target at
@@ -30,19 +31,20 @@ def expected_cell(cell: Cell, goal: Cell, travelled: float) -> Cell:
     return x, y
 
 
-def out_of_range(last_heard: Iterable[RobotState], near: Sequence[RobotState], r_comm: float) -> tuple[RobotState, ...]:
+def out_of_range(
+    last_heard: Iterable[RobotState], near: Sequence[RobotState], heard: int, r_comm: float
+) -> tuple[RobotState, ...]:
     """Of `last_heard`, robots as they were when they fell silent, those that may well be out of earshot now, by id.
 
-    `near` are ego and its direct neighbours.
+    `near` are ego and its direct neighbours, `heard` is how many robots ego hears, over whatever number of hops.
     """
     found = []
-    alone = len(near) == 1
-    for robot in last_heard:
-        if robot.age_ns > REMEMBER_S * NS_PER_S:
-            continue
+    silent = [robot for robot in last_heard if robot.age_ns <= REMEMBER_S * NS_PER_S]
+    hears_most = heard > len(silent)
+    for robot in silent:
         goal = robot.task_cell if robot.task is not TaskKind.HOLD else robot.cell
         travelled = robot.age_ns / NS_PER_S * robot.speed_cells_s
-        if not alone and travelled > _way(robot.cell, goal):
+        if hears_most and travelled > _way(robot.cell, goal):
             continue
         cell = expected_cell(robot.cell, goal, travelled)
         if all(math.dist(cell, other.cell) > r_comm for other in near):

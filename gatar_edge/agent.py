@@ -238,7 +238,7 @@ class Agent:
         others = taking_part(self.neighbors.fresh(now_ns, observation.cell), config.grid, now_ns)
         near = [robot for robot in (ego, *others) if math.dist(robot.cell, ego.cell) <= config.r_comm]
         silent = remembered(self.neighbors.silent(now_ns, int(REMEMBER_S * NS_PER_S)), config.grid, now_ns)
-        absent = out_of_range(silent[: config.max_neighbors - len(others)], near, config.r_comm)
+        absent = out_of_range(silent[: config.max_neighbors - len(others)], near, len(others), config.r_comm)
         view = build_view(
             now_ns, ego, others, self.belief, config.r_comm, config.hop_limit, config.max_candidates, absent
         )

@@ -61,11 +61,13 @@ def reckon(
     """With whom robot `n` reckons, and where, into `out` uint8 [N, 3]: cell and age in steps, `NOBODY` where not.
 
     As the agent does: what is fresh counts where it was heard; what fell silent, where it is expected, unless it should
-    be heard there, or must have arrived and somebody else is heard (`absent.out_of_range`).
+    be heard there, or must have arrived and most of the others are heard (`absent.out_of_range`).
     """
-    alone = True
+    fresh, silent = 0, 0
     for m in range(len(cells)):
-        alone &= m == n or ears[n, m] != 1
+        if m != n and heard[n, m] >= 0:
+            fresh += step - heard[n, m] <= FRESH
+            silent += FRESH < step - heard[n, m] <= remember
     for m in range(len(cells)):
         out[m] = NOBODY
         age = step - heard[n, m]
@@ -78,7 +80,7 @@ def reckon(
         if age > FRESH:
             gx, gy = last[n, m, 2], last[n, m, 3]
             way = abs(gx - x) + abs(gy - y) if gx >= 0 else 0
-            if not alone and age * speeds[m] > way:
+            if fresh > silent and age * speeds[m] > way:
                 continue
             if gx >= 0 and way > 0:
                 share_done = min(1.0, age * speeds[m] / way)

@@ -51,7 +51,7 @@ def test_robots_out_of_range_are_reckoned_with_where_the_agent_expects_them(grou
             near = [ego, *(other for m, other in enumerate(team) if hops[n, m] == 1)]
             wanted = {n: (*ego.cell, 0)}
             wanted |= {m: (*other.cell, age) for m, (age, other) in old.items() if age <= FRESH}
-            for other in out_of_range(silent, near, r_comm):
+            for other in out_of_range(silent, near, len(old) - len(silent), r_comm):
                 wanted[other.robot_id - 1] = (*other.cell, other.age_ns // NS_PER_S)
             known = group.known[step, n].astype(int)
             assert {m: tuple(row) for m, row in enumerate(known.tolist()) if row[2] != NOBODY} == wanted

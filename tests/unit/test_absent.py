@@ -55,33 +55,34 @@ def test_a_robot_at_its_goal_is_expected_there() -> None:
 
 def test_a_robot_out_of_range_moves_on_at_its_own_speed() -> None:
     for age_s, speed, cell in ((5, 1.0, (13, 3)), (2, 2.5, (13, 3)), (5, 0.4, (10, 3))):
-        found = out_of_range([silent((8, 3), (14, 3), age_s, speed=speed)], [robot(1, (0, 3))], 6)
+        found = out_of_range([silent((8, 3), (14, 3), age_s, speed=speed)], [robot(1, (0, 3))], 0, 6)
         assert [other.cell for other in found] == [cell]
 
 
-def test_a_robot_that_must_have_arrived_is_reckoned_with_by_one_that_hears_nobody_alone() -> None:
-    ego, other = robot(1, (0, 3)), robot(3, (0, 4))
-    for age_s, near, expected in ((6, [ego, other], 1), (6.1, [ego, other], 0), (6.1, [ego], 1), (25, [ego], 1)):
-        found = out_of_range([silent((8, 3), (14, 3), age_s)], near, 6)
+def test_a_robot_that_must_have_arrived_is_reckoned_with_by_one_that_hears_no_more_than_fell_silent() -> None:
+    for age_s, heard, expected in ((6, 5, 1), (6.1, 2, 0), (6.1, 1, 1), (25, 0, 1)):
+        found = out_of_range([silent((8, 3), (14, 3), age_s)], [robot(1, (0, 3))], heard, 6)
         assert [there.cell for there in found] == [(14, 3)] * expected
+    many = [silent((8, 3), (14, 3), 7, number) for number in (2, 3, 4)]
+    assert [len(out_of_range(many, [robot(1, (0, 3))], heard, 6)) for heard in (3, 4)] == [3, 0]
 
 
 def test_a_robot_without_a_goal_is_expected_where_it_was() -> None:
-    assert [other.cell for other in out_of_range([silent((12, 3), None, 9)], [EGO], 6)] == [(12, 3)]
+    assert [other.cell for other in out_of_range([silent((12, 3), None, 9)], [EGO], 0, 6)] == [(12, 3)]
 
 
 @pytest.mark.parametrize(("near", "kept"), [([EGO], 1), ([EGO, robot(3, (8, 3))], 0), ([robot(1, (6, 3))], 0)])
 def test_a_robot_that_ego_or_a_neighbour_of_its_should_hear_is_not_there(near: list[RobotState], kept: int) -> None:
-    assert len(out_of_range([silent((12, 3), None, 9)], near, 6)) == kept
+    assert len(out_of_range([silent((12, 3), None, 9)], near, 0, 6)) == kept
 
 
 def test_a_robot_is_forgotten_after_half_a_minute() -> None:
-    assert out_of_range([silent((12, 3), None, REMEMBER_S)], [EGO], 6)
-    assert not out_of_range([silent((12, 3), None, REMEMBER_S + 0.001)], [EGO], 6)
+    assert out_of_range([silent((12, 3), None, REMEMBER_S)], [EGO], 0, 6)
+    assert not out_of_range([silent((12, 3), None, REMEMBER_S + 0.001)], [EGO], 0, 6)
 
 
 def test_robots_out_of_range_come_by_id_whoever_was_heard_last() -> None:
-    found = out_of_range([silent((12, 3), None, age, number) for age, number in ((4, 9), (5, 4), (6, 7))], [EGO], 6)
+    found = out_of_range([silent((12, 3), None, age, number) for age, number in ((4, 9), (5, 4), (6, 7))], [EGO], 0, 6)
     assert [other.robot_id for other in found] == [4, 7, 9]
 
 
