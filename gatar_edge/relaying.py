@@ -3,8 +3,8 @@
 Twelve robots that all hear each other would send every message twelve times. All of them know about where the others
 are, so each works out by itself whether it is its turn:
 
-Rule 1: a robot surely in the author's range is passed the message once, for the case that it was lost on the way;
-        any other one twice, for to it that may be the only way.
+Rule 1: a robot surely in the author's range is passed the message `IN_RANGE_COPIES` times, for the case that it was
+        lost on the way; any other one `OUT_OF_RANGE_COPIES` times, for to it that may be the only way.
 Rule 2: the turn goes to robots that surely hear the author and reach the one that lacks it, in an order that changes
         with each message: no single bad link silences an author.
 Rule 3: in doubt, pass it on. A robot may have moved since it was heard: "surely" means wherever it may be by now.

@@ -23,7 +23,7 @@ from gatar_edge.sim_sitl.faults import Faults, LinkFaults
 from gatar_edge.sim_sitl.fleet import Fleet, lock_step
 from gatar_edge.sim_sitl.fleet_config import FleetConfig
 from gatar_edge.sim_sitl.tally import Result
-from gatar_edge.types import NS_PER_S, RobotKind
+from gatar_edge.types import NS_PER_S, Reason, RobotKind
 
 
 def config(
@@ -81,6 +81,19 @@ def test_a_target_beyond_a_vehicles_fence_is_another_robots_or_given_up(team: st
     near = [target for target in fleet.config.world.targets if math.dist(fleet.config.world.starts[0], target) < 5]
     assert fleet.tally.left == 0 if team == "1A1G" else fleet.result().localized >= len(near) >= 3
     assert fenced.shunned.cells(fleet.now_ns)
+
+
+def test_a_robot_whose_vehicle_does_not_obey_leaves_the_allocation_to_the_others() -> None:
+    fleet = Fleet(config(), make("greedy"))
+    stuck = fleet.robots[0]
+    for _ in lock_step(fleet):
+        if fleet.began_ns is not None:
+            stuck.driver.ready = lambda now_ns: False  # type: ignore[method-assign]
+        if fleet.ticks >= 3:
+            break
+    reasons = {decision.robot_id: decision.assignment.reason for decision in fleet.decisions}
+    assert reasons.pop(stuck.robot_id) is Reason.NO_VEHICLE
+    assert Reason.NO_VEHICLE not in reasons.values()
 
 
 def test_aerial_robots_keep_to_their_own_layers() -> None:
