@@ -43,7 +43,7 @@ def team(tmp_path: Path) -> Iterator[Callable[..., tuple[Yard, Minds]]]:
 def test_a_team_of_processes_finishes_although_one_is_killed_one_stopped_and_one_late(
     team: Callable[..., tuple[Yard, Minds]], tmp_path: Path
 ) -> None:
-    yard, minds = team(team="2A2G", seed=2, targets=12, stack="mixed", loss=0.2)
+    yard, minds = team(team="2A2G", seed=2, targets=16, stack="mixed", loss=0.2)
     times = paced(0.05, SPEED)
     everybody = yard.tally.left
     for robot_id in (1, 2, 3):

@@ -15,7 +15,7 @@ from gatar_edge.message import MESSAGE_BYTES, NeighborMessage, decode, encode, w
 from gatar_edge.neighbors import HearOutcome, NeighborTable
 from gatar_edge.types import RobotKind, TaskKind
 
-REPEATABLE = settings(derandomize=True, deadline=None, database=None, max_examples=150)
+REPEATABLE = settings(derandomize=True, deadline=None, database=None, max_examples=300)
 
 coordinates = st.integers(-0x8000, 0x7FFF)
 cells = st.tuples(coordinates, coordinates)

@@ -17,7 +17,7 @@ from gatar_edge.bridge.mission_transfer import MissionClient
 from gatar_edge.bridge.profiles import PROFILES
 
 S = 1_000_000_000
-SEEDS = 100
+SEEDS = 200
 
 
 class Run:

@@ -175,7 +175,7 @@ def record_until_killed(path: Path, pipe: int) -> None:
 @pytest.mark.slow
 def test_a_kill_at_any_moment_loses_at_most_one_second(tmp_path: Path) -> None:
     rng = random.Random(7)
-    for kill in range(40):
+    for kill in range(100):
         path = tmp_path / f"{kill}.mcap"
         read, write = os.pipe()
         child = os.fork()
