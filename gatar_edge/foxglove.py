@@ -119,7 +119,8 @@ def descriptor_set(schema: str) -> bytes:
 
 def grid(states: ByteGrid, spec: GridSpec, now_ns: int) -> bytes:
     """A foxglove.Grid of `states` [W, H]; row 0 is the southernmost."""
-    message = _grid(states.shape[0], spec.cell_m)
+    message = Grid_pb2.Grid()
+    message.CopyFrom(_grid(states.shape[0], spec.cell_m))
     _set_stamp(message.timestamp, now_ns)
     message.data = states.T.tobytes()
     return bytes(message.SerializeToString())
@@ -127,7 +128,9 @@ def grid(states: ByteGrid, spec: GridSpec, now_ns: int) -> bytes:
 
 @lru_cache(maxsize=8)
 def _grid(columns: int, cell_m: float) -> Any:
-    """What `grid` serializes, but for its time and data, which alone may be changed."""
+    """What `grid` serializes, but for its time and data. To be copied: a message that is kept keeps all bytes that its
+    fields ever held, so that one used for every map would grow with each.
+    """
     field = PackedElementField_pb2.PackedElementField
     return Grid_pb2.Grid(
         frame_id=MAP_FRAME,
@@ -175,7 +178,7 @@ def location(state: VehicleState, robot_id: int) -> bytes:
 
 @lru_cache(maxsize=64)
 def _location(robot_id: int) -> Any:
-    """What `location` serializes, but for its time and place, which alone may be changed."""
+    """What `location` serializes, but for its time and place, which alone may be changed: numbers, see `_grid`."""
     return LocationFix_pb2.LocationFix(frame_id=robot_frame(robot_id))
 
 
@@ -189,7 +192,7 @@ def frame(robot_id: int, x_cell: float, y_cell: float, spec: GridSpec, now_ns: i
 
 @lru_cache(maxsize=64)
 def _frame(robot_id: int) -> Any:
-    """What `frame` serializes, but for its time and place, which alone may be changed."""
+    """What `frame` serializes, but for its time and place, which alone may be changed: numbers, see `_grid`."""
     return FrameTransform_pb2.FrameTransform(
         parent_frame_id=MAP_FRAME, child_frame_id=robot_frame(robot_id), rotation=_UPRIGHT
     )
