@@ -6,12 +6,15 @@ NaN in a hidden row would poison every other.
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # read when it is imported: a robot tells nobody what it runs
 import onnxruntime
 
 from gatar_edge import manifest as contract

@@ -1,6 +1,9 @@
 """Loading and running a model file, and the refusal of files and inputs that do not fit."""
 
 import json
+import os
+import subprocess
+import sys
 
 import numpy as np
 import onnx
@@ -29,6 +32,14 @@ def with_contract(path, **changes):
     onnx.helper.set_model_props(model, {manifest.KEY: json.dumps(fields)})
     onnx.save_model(model, path)
     return path
+
+
+def test_onnxruntime_keeps_no_identifier_of_the_robot_and_starts_no_upload(tmp_path):
+    """Its newer releases tell their maker of the machine and its models, unless told not to."""
+    environment = {name: value for name, value in os.environ.items() if name != "ORT_DISABLE_TELEMETRY"}
+    environment |= {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path)}
+    subprocess.run([sys.executable, "-c", "import gatar_edge.policy"], env=environment, check=True)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
