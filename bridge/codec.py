@@ -15,6 +15,7 @@ from operator import attrgetter
 from typing import Any, NamedTuple, cast
 
 from gatar_edge.bridge import wire
+from gatar_edge.bridge.framing import frame_length
 from gatar_edge.bridge.signing import SIGNATURE_BYTES, Signing
 from gatar_edge.bridge.wire import Message, Received
 
@@ -52,13 +53,12 @@ class Codec:
 
     def parse(self, data: bytes) -> list[Received]:
         """All frames that end in `data`, in order. Damage is counted in `bad_bytes` and skipped."""
-        if self.signing is None and self._mav.buf_len() == 0:
-            whole = _plain_frame(data)
-            if whole is not None:
-                return [whole]
         self.bad_bytes += max(0, len(data) - MAX_PARSE_BYTES)
-        frames = self._mav.parse_buffer(data[:MAX_PARSE_BYTES]) or []
-        return [r for r in map(self._received, frames) if r is not None]
+        data = data[:MAX_PARSE_BYTES]
+        plain = _plain_frames(data) if self.signing is None and self._mav.buf_len() == 0 else []
+        rest = data[sum([len(received.raw) for received in plain]) :]
+        frames = self._mav.parse_buffer(rest) or [] if rest else []
+        return plain + [r for r in map(self._received, frames) if r is not None]
 
     def _received(self, frame: Any) -> Received | None:
         raw = bytes(frame.get_msgbuf())
@@ -219,8 +219,21 @@ def _plainly_packed(built: Any, layout: _Layout, mav: Any) -> bytes:
     return frame + _checksum(frame[1:] + layout.crc_extra).to_bytes(2, "little")
 
 
+def _plain_frames(data: bytes) -> list[Received]:
+    """The frames that `data` begins with, up to the first one that `_plain_frame` does not read."""
+    found: list[Received] = []
+    at = 0
+    while at < len(data):
+        received = _plain_frame(data[at : at + frame_length(data, at)])
+        if received is None:
+            break
+        found.append(received)
+        at += len(received.raw)
+    return found
+
+
 def _plain_frame(data: bytes) -> Received | None:
-    """`data` where it is exactly one unsigned MAVLink 2 frame of a message without arrays, as nearly all datagrams are.
+    """`data` where it is exactly one unsigned MAVLink 2 frame of a message without arrays, as nearly all frames are.
 
     What pymavlink's parser would give, at a third of its cost; it is left all that is not of this simple kind.
     """

@@ -122,6 +122,18 @@ def test_frames_in_pieces_are_put_together() -> None:
     assert [r.message for r in codec.parse(frame[5:])] == [SENDABLE[3]]
 
 
+def test_frames_of_all_kinds_in_one_piece_come_out_in_order_and_as_one_by_one() -> None:
+    sender = Codec(*VEHICLE)
+    text = mav.MAVLink_statustext_message(4, b"PreArm").pack(mav.MAVLink(None, *VEHICLE))  # has an array
+    pieces = [sender.encode(SENDABLE[0]), sender.encode(SENDABLE[3]), text, b"noise", sender.encode(SENDABLE[0])]
+    together, one_by_one = Codec(7, 191), Codec(7, 191)
+    received = together.parse(b"".join(pieces) + text[:7])
+    assert received == [r for piece in pieces for r in one_by_one.parse(piece)]
+    assert [r.raw for r in received] == [piece for piece in pieces if piece != b"noise"]
+    assert together.bad_bytes == one_by_one.bad_bytes == 5
+    assert [r.raw for r in together.parse(text[7:] + pieces[0])] == [text, pieces[0]]
+
+
 def test_a_signature_is_cut_off_for_the_log() -> None:
     signing = mav.MAVLink(None, srcSystem=7, srcComponent=1)
     signing.signing.secret_key, signing.signing.sign_outgoing = b"k" * 32, True
