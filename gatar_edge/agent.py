@@ -38,6 +38,8 @@ from gatar_edge.types import (
 )
 from gatar_edge.view import View, build_view, hops_from_ego, without
 
+MOST_TOLD = 64  # windows that are remembered, for which a belief has nothing to learn
+
 
 @dataclass(frozen=True, slots=True)
 class Inbox:
@@ -108,9 +110,8 @@ class Agent:
         self._observation: Observation | None = None
         self.has_vehicle = True  # set false by the caller while the vehicle cannot be commanded
         self._looked: ByteGrid | None = None  # the belief that held all that was seen
-        self._merged: tuple[ByteGrid, Cell, ByteGrid] | None = (
-            None  # a belief, and origin and window that added nothing
-        )
+        self._told_to: ByteGrid | None = None  # the belief to which windows by origin and identity added nothing
+        self._told: dict[tuple[Cell, int], ByteGrid] = {}
         self.shunned: frozenset[Cell] = frozenset()  # where the vehicle could not go lately: set by the caller
         self.shadow = False  # set true by the caller where nothing obeys: tell what is seen, claim nothing
         self._takes_part = True  # a robot that cannot move says so, and nobody allocates targets to it
@@ -155,11 +156,12 @@ class Agent:
         return heard
 
     def _merge(self, origin: Cell, window: ByteGrid) -> None:
-        """Take over what a neighbour knows; most often that is what the one before knew, and nothing new."""
-        known = self._merged
-        if known is None or known[0] is not self.belief or known[2] is not window or known[1] != origin:
+        """Take over what a neighbour knows; most often it tells what it told before, and nothing new."""
+        if self._told_to is not self.belief or len(self._told) >= MOST_TOLD:
+            self._told_to, self._told = self.belief, {}
+        if (origin, id(window)) not in self._told:
+            self._told[origin, id(window)] = window
             self.belief = merged(self.belief, origin, window)
-            self._merged = self.belief, origin, window
 
     def beacon(self, now_ns: int) -> bytes:
         """The message of this moment: where the robot is, what it is doing, and what it knows."""
