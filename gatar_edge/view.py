@@ -77,7 +77,7 @@ def distances_of(robots: Sequence[RobotState], belief: ByteGrid) -> IntGrid:
 def with_absent(view: View) -> View:
     """The view with the absent robots among its robots, `FAR_HOPS` from everybody; so are all that are out of range."""
     if not view.absent:
-        return replace(view, graph=known(_far(view.hops)))
+        return view if view.hops[0].min() >= 0 else replace(view, graph=known(_far(view.hops)))
     robots = (view.robots[0], *sorted((*view.robots[1:], *view.absent), key=lambda robot: robot.robot_id))
     old = {robot.robot_id: row for row, robot in enumerate(view.robots)}
     rows = [old.get(robot.robot_id, -1) for robot in robots]

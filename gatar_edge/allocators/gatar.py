@@ -8,6 +8,7 @@ worth more than what may lie behind the frontier.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import lap
@@ -20,7 +21,7 @@ from gatar_edge.explore import FRONTIER_BLOCK
 from gatar_edge.features import arrays_of, features_of
 from gatar_edge.manifest import check_config
 from gatar_edge.policy import Policy
-from gatar_edge.types import Floats, TaskKind
+from gatar_edge.types import Floats, RobotState, TaskKind
 from gatar_edge.view import View, with_absent
 
 IMPOSSIBLE = 1e6  # cost of a pair that must not be chosen
@@ -52,21 +53,30 @@ class Gatar:
         held = in_hand(whole, places) if ahead else None
         joint = decode(scores, possible, in_id_order(whole), held)
         count = len(view.targets)
-        row_of = {robot.robot_id: row for row, robot in enumerate(whole.robots)}
-        rows = [row_of[robot.robot_id] for robot in view.robots]
         absent = view.absent if ahead else ()
+        heard, unheard = _rows(whole.robots, absent)
         targets = np.where(joint < count, joint, NO_TARGET).astype(np.int32)
         x, y = view.robots[0].cell
+        to_x, to_y = output.xy.tolist()
         return Allocation(
-            choices=targets[rows],
-            scores=np.where(possible, scores[:, :-1], -np.inf)[rows, :count].astype(np.float32),
-            xy=(x + float(output.xy[0]), y + float(output.xy[1])),
-            attention=tuple(float(share) for share in output.attention[rows]),
+            choices=targets[heard],
+            scores=np.where(possible, scores[:, :-1], -np.inf)[heard, :count].astype(np.float32),
+            xy=(x + to_x, y + to_y),
+            attention=tuple(output.attention[heard].tolist()),
             steady=ahead,
             frontier=(int(places[joint[0], 0]), int(places[joint[0], 1])) if joint[0] >= count else None,
             absent=absent,
-            kept_for_absent=tuple(int(targets[row_of[robot.robot_id]]) for robot in absent),
+            kept_for_absent=tuple(targets[unheard].tolist()),
         )
+
+
+def _rows(robots: Sequence[RobotState], absent: Sequence[RobotState]) -> tuple[list[int] | slice, list[int]]:
+    """Rows of those of `robots` that are heard, which is all where nobody is absent, and of those in `absent`."""
+    if not absent:
+        return slice(None), []
+    row_of = {robot.robot_id: row for row, robot in enumerate(robots)}
+    unheard = [row_of[robot.robot_id] for robot in absent]
+    return [row for row in range(len(robots)) if row not in unheard], unheard
 
 
 def in_hand(view: View, places: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
