@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from itertools import chain
 from typing import Annotated, Literal
 
 import msgspec
@@ -141,7 +142,7 @@ def observation_schema() -> bytes:
 
 
 def _as_array(cells: list[tuple[int, int]]) -> Cells:
-    array = np.array(cells, dtype=np.int16).reshape(-1, 2)
+    array = np.fromiter(chain.from_iterable(cells), np.int16, 2 * len(cells)).reshape(-1, 2)
     array.flags.writeable = False
     return array
 
