@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 from msgspec.structs import replace
@@ -188,11 +189,10 @@ class Daemon:
         if self._ports.saver is not None and now_ns >= self._save_due_ns:
             self._save_due_ns = now_ns + self._settings.save_ns
             self._ports.saver.save_soon(self.state())
-        snapshot = self._snapshot(decision, state, heard, now_ns)
-        self._ports.published(snapshot)
+        self._ports.published(now_ns, partial(self._snapshot, decision, state, heard, now_ns))
         if now_ns >= self._count_due_ns:
             self._count_due_ns = now_ns + COUNTERS_NS
-            self.journal.note(f"counters {' '.join(f'{k}={v}' for k, v in snapshot.counters.items() if v)}", now_ns)
+            self.journal.note(f"counters {' '.join(f'{k}={v}' for k, v in self._all_counters().items() if v)}", now_ns)
 
     def _give_up(self, now_ns: int) -> None:
         """A goal that the vehicle refuses or does not get nearer to is left to the others for a while."""

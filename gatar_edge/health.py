@@ -1,7 +1,7 @@
 """How the daemon is: counters, a snapshot for people and machines, and what is wrong, if anything is.
 
-The snapshot is a frozen value, made once a tick by the loop; whoever watches (service manager, HTTP, terminal) reads
-that and nothing else.
+The snapshot is a frozen value, made by the loop in a tick that somebody looks at; whoever watches (service manager,
+HTTP, terminal) reads that and nothing else.
 """
 
 from __future__ import annotations

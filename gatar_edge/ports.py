@@ -61,6 +61,12 @@ class Saver(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Ports:
+class Watcher(Protocol):
+    """Is told of each tick at its time `t_ns`; `snapshot` makes the daemon's, for who looks at it."""
+
+    def __call__(self, t_ns: int, snapshot: Callable[[], Snapshot], /) -> None: ...
+
+
     """Everything that the daemon touches."""
 
     radio: Transport
@@ -69,5 +75,5 @@ class Ports:
     clock_ns: Callable[[], int]
     log: Log | None = None
     saver: Saver | None = None
-    published: Callable[[Snapshot], None] = lambda snapshot: None
+    published: Watcher = lambda t_ns, snapshot: None
     radio_problem: Callable[[], str] = lambda: ""

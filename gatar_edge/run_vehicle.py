@@ -25,7 +25,7 @@ from gatar_edge.notify import Notifier
 from gatar_edge.perception import Perception
 from gatar_edge.perception_link import PerceptionSocket
 from gatar_edge.persist import StateSaver, restore
-from gatar_edge.ports import Ports
+from gatar_edge.ports import Ports, Watcher
 from gatar_edge.preflight import Prepared
 from gatar_edge.record import Recorder
 from gatar_edge.record_items import carried_state
@@ -159,7 +159,8 @@ def opened(prepared: Prepared, clock_ns: Clock, *, dry_run: bool) -> Iterator[Pr
         perception = PerceptionSocket(config.perception.listen, allow_remote=config.perception.allow_remote)
         stack.callback(perception.close)
         notifier = Notifier()
-        watchers = [notifier.published]
+        stack.callback(notifier.close)
+        watchers: list[Watcher] = [notifier.published]
         if config.watch.http:
             from gatar_edge.watch import HttpWatch  # 7 MB that a daemon without it does not need
 
@@ -292,9 +293,9 @@ def _log_stem(config: VehicleConfig) -> str:
     return f"{config.kind.name.lower()}{config.robot.id}"
 
 
-def _to_all(watchers: Sequence[Callable[[Snapshot], None]]) -> Callable[[Snapshot], None]:
-    def publish(snapshot: Snapshot) -> None:
+def _to_all(watchers: Sequence[Watcher]) -> Watcher:
+    def publish(t_ns: int, snapshot: Callable[[], Snapshot]) -> None:
         for watcher in watchers:
-            watcher(snapshot)
+            watcher(t_ns, snapshot)
 
     return publish

@@ -48,9 +48,10 @@ class HttpWatch:
         host, port = self._server.server_address[:2]
         return str(host), int(port)
 
-    def published(self, snapshot: Snapshot) -> None:
+    def published(self, t_ns: int, snapshot: Callable[[], Snapshot]) -> None:
         """From now on tell of this tick."""
-        self._snapshot = snapshot
+        del t_ns  # the snapshot has it
+        self._snapshot = snapshot()
 
     def close(self) -> None:
         """Stop answering."""

@@ -146,7 +146,7 @@ class Rig:
             clock_ns=lambda: self.now_ns,
             log=self.log,
             saver=self.saver,
-            published=self.snapshots.append,
+            published=lambda t_ns, snapshot: self.snapshots.append(snapshot()),
         )
         perception = Perception(robot_id, RobotKind.UAV, CONFIG.grid)
         self.daemon = Daemon(self.agent, perception, ByteBudget(32_768), ports, Settings(TICK_NS, **settings))

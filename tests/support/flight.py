@@ -81,7 +81,13 @@ class Flight:
             restore(agent, saved)
         eyes, seen = _Eyes(self._take_observations), Perception(1, self.kind, CONFIG.grid)
         ports = Ports(
-            FakeRadio(), eyes, self.port, lambda: self.now_ns, self.log, self.saver, published=self.snapshots.append
+            radio=FakeRadio(),
+            perception=eyes,
+            vehicle=self.port,
+            clock_ns=lambda: self.now_ns,
+            log=self.log,
+            saver=self.saver,
+            published=lambda t_ns, snapshot: self.snapshots.append(snapshot()),
         )
         self.daemon = Daemon(agent, seen, ByteBudget(32_768), ports, self._settings)
 

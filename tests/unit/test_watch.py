@@ -58,7 +58,7 @@ def get(watch: HttpWatch, path: str) -> tuple[int, str]:
 def test_the_manager_hears_ready_once_the_watchdog_each_tick_and_the_status_each_second(manager: socket.socket) -> None:
     notifier = Notifier({"NOTIFY_SOCKET": manager.getsockname()})
     for tick in range(11):
-        notifier.published(snapshot(t_ns=tick * NS_PER_S // 5))
+        notifier.published(tick * NS_PER_S // 5, snapshot)
     lines = notified(manager)
     assert lines.count("READY=1") == 1
     assert lines.count("WATCHDOG=1") == 11
@@ -67,18 +67,22 @@ def test_the_manager_hears_ready_once_the_watchdog_each_tick_and_the_status_each
     assert "UAV 1 at 0,0: target 5,5; 0 neighbours" in statuses[0]
     notifier.stopping()
     assert "STOPPING=1" in notified(manager)
+    notifier.close()
 
 
 def test_without_a_manager_or_with_a_vanished_one_nothing_happens(tmp_path: Path) -> None:
     for environment in ({}, {"NOTIFY_SOCKET": str(tmp_path / "gone")}, {"NOTIFY_SOCKET": "@gatar-absent"}):
-        Notifier(environment).published(snapshot())
+        notifier = Notifier(environment)
+        notifier.published(0, snapshot)
+        notifier.close()
 
 
 def test_a_manager_that_does_not_read_does_not_hold_up_the_loop(manager: socket.socket) -> None:
     notifier = Notifier({"NOTIFY_SOCKET": manager.getsockname()})
     for _ in range(2000):  # more than any system queues
-        notifier.published(snapshot_of_all)
+        notifier.published(0, lambda: snapshot_of_all)
     assert "READY=1" in notified(manager)
+    notifier.close()
 
 
 def test_health_is_200_while_all_is_well_and_503_with_the_problem_otherwise() -> None:
@@ -88,12 +92,12 @@ def test_health_is_200_while_all_is_well_and_503_with_the_problem_otherwise() ->
         assert get(watch, "/healthz")[0] == 503
         good = snapshot()
         now_ns[0] = good.t_ns
-        watch.published(good)
+        watch.published(good.t_ns, lambda: good)
         assert get(watch, "/healthz")[0] == 200
         now_ns[0] += 3 * NS_PER_S  # the loop hangs
         status, body = get(watch, "/healthz")
         assert (status, json.loads(body)["problems"]) == (503, ["no tick for 3.0 s"])
-        watch.published(snapshot(t_ns=now_ns[0], vehicle_connected=False))
+        watch.published(now_ns[0], lambda: snapshot(t_ns=now_ns[0], vehicle_connected=False))
         assert json.loads(get(watch, "/healthz")[1])["problems"] == ["no heartbeat from the autopilot"]
         assert get(watch, "/")[0] == 404
     finally:
@@ -104,7 +108,7 @@ def test_metrics_have_gauges_and_counters_with_units_in_their_names() -> None:
     pytest.importorskip("prometheus_client", reason="pip install 'gatar-edge[metrics]'")
     watch = HttpWatch("127.0.0.1:0", lambda: 0)
     try:
-        watch.published(snapshot())
+        watch.published(0, snapshot)
         status, text = get(watch, "/metrics")
     finally:
         watch.close()
