@@ -97,7 +97,7 @@ class VehicleDriver:
         if not isinstance(passed, Hold):
             self._retasks += passed != self._pursued
             self._retasked_ns = now_ns
-        self._pursued, self._failed_ns, self._start_cell = passed, None, self._cell()
+        self._pursued, self._failed_ns, self._start_cell = passed, None, self.cell()
         self._memory, self._stirred = NOTHING, True
         self._tell(now_ns, EventKind.COMMAND, str(passed))
         self._applied = self._vehicle is not None and self._vehicle.pursue(passed, now_ns)
@@ -198,7 +198,7 @@ class VehicleDriver:
             phase = Phase.UNSUPPORTED if self._unsupported else Phase.SEARCHING
             return VehicleState(now_ns, phase=phase.value, details={"unsupported": self._unsupported or ""})
         counts = {"retasks": self._retasks, "bad_bytes": self._codec.bad_bytes}
-        return vehicle.state(now_ns, self._cell(), counts)
+        return vehicle.state(now_ns, self.cell(), counts)
 
     # --- inside ---
 
@@ -220,7 +220,8 @@ class VehicleDriver:
             self._tell(now_ns, EventKind.UNSUPPORTED, text)
         self._unsupported = text
 
-    def _cell(self) -> Cell | None:
+    def cell(self) -> Cell | None:
+        """The cell of the grid in which the vehicle was last: what `state` says of it, at less cost."""
         here, size = self._position_m(), self.config.grid.cell_m
         cell = (math.floor(here[0] / size), math.floor(here[1] / size)) if here is not None else None
         return cell if cell is not None and inside_grid(self.config.grid, cell) else None
@@ -284,7 +285,7 @@ class VehicleDriver:
 
     def _is_rest(self, passed: VehicleCommand, whole: VehicleCommand, start: Cell | None) -> bool:
         """Whether a mission is what remains of another: paths are planned anew from the robot's own cell."""
-        here = self._cell()
+        here = self.cell()
         if not isinstance(passed, Mission) or not isinstance(whole, Mission) or start is None or here is None:
             return False
         return is_rest(passed.cells, whole.cells, start, here)

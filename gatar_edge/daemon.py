@@ -160,7 +160,7 @@ class Daemon:
 
     def _look(self, now_ns: int) -> None:
         for data in self._ports.perception.receive():
-            observation = self.perception.take(data, now_ns, self._ports.vehicle.state(now_ns).cell)
+            observation = self.perception.take(data, now_ns, self._ports.vehicle.cell())
             if observation is None:
                 self.journal.warning("observation dropped", now_ns, last_malformed=self.perception.last_error)
                 continue

@@ -10,7 +10,7 @@ from gatar_edge.bridge.status import EventKind, Status
 from gatar_edge.driver_memory import DriverMemory
 from gatar_edge.journal import Journal
 from gatar_edge.separation import Place
-from gatar_edge.types import VehicleCommand, VehicleState
+from gatar_edge.types import Cell, VehicleCommand, VehicleState
 
 _QUIET = {EventKind.COMMAND, EventKind.STATUS, EventKind.RATES}  # in the log alone, not in the journal
 STANDS_M_S = 0.3
@@ -92,6 +92,10 @@ class AutopilotPort:
     def memory(self) -> DriverMemory:
         """What the next process needs to go on, if this one is killed."""
         return self.driver.memory()
+
+    def cell(self) -> Cell | None:
+        """Where the vehicle is, as it tells."""
+        return self.driver.cell()
 
     def critical(self, critical: bool) -> None:
         """Let the heartbeat say that the robot's own mind fails."""

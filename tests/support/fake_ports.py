@@ -85,6 +85,9 @@ class FakeVehicle:
         self.is_critical = critical
 
     def failed(self) -> bool:
+    def cell(self) -> Cell | None:
+        return (0, 0)
+
         return self.refuses is not None and bool(self.commands) and self.commands[-1] == Goto(self.refuses)
 
     def neighbors(self, positions: tuple[Any, ...]) -> None:
