@@ -105,7 +105,7 @@ class VehicleDriver:
 
     def poll(self, now_ns: int) -> bytes:
         """All bytes to send now. Call it from the working loop: it is what proves to the vehicle that we live."""
-        if not self._stirred and now_ns < self._next_due_ns(now_ns):
+        if now_ns < self.due_ns(now_ns):
             return b""
         if self._codec.signing is not None:
             self._codec.signing.advance(self._signing_base + now_ns // TICK_NS)
@@ -121,6 +121,10 @@ class VehicleDriver:
                 self._pursued, self._applied = Hold(Refusal.PILOT.value), False
             self._watch_connection(vehicle.connected(now_ns), now_ns)
         return b"".join([self._encode(message, now_ns) for message in out]) if out else b""
+
+    def due_ns(self, now_ns: int) -> int:
+        """When `poll` has something to do next, unless something arrives or is commanded first; 0: at any time."""
+        return 0 if self._stirred else self._next_due_ns(now_ns)
 
     def neighbors(self, positions: tuple[Place, ...]) -> None:
         """Where other robots are, or go to with the right of way: commands keep `min_separation_m` from them."""
@@ -149,8 +153,8 @@ class VehicleDriver:
 
     def health(self, critical: bool) -> None:
         """Tell that the robot's own loop fails: the heartbeat says CRITICAL, and after `critical_s` falls silent."""
+        self._stirred |= critical != self._heart.critical
         self._heart.critical = critical
-        self._stirred = True
 
     def memory(self) -> DriverMemory:
         """What the next process needs to go on, if this one is killed."""

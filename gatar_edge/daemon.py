@@ -34,7 +34,8 @@ from gatar_edge.types import (
     VehicleState,
 )
 
-POLL_NS = NS_PER_S // 20  # timers of the autopilot's protocols
+POLL_NS = NS_PER_S // 20  # the shortest wait for a timer of the autopilot's protocols
+IDLE_NS = NS_PER_S // 4  # the longest wait: the log flushes what it holds, and a link that is lost is opened again
 STALL_NS = NS_PER_S  # after standing still for this long, what waits in the sockets is older than it looks
 WAKE_NS = 2 * NS_PER_S  # in which a restarted robot first hears its eyes and its vehicle, and decides nothing
 STOP_NS = 3 * NS_PER_S  # for the vehicle to confirm that it holds
@@ -84,7 +85,8 @@ class Daemon:
     @property
     def due_ns(self) -> int:
         """When `step` must be called again, whatever comes in."""
-        return min(self._tick_due_ns, self._stepped_ns + POLL_NS)
+        vehicle_ns = max(self._stepped_ns + POLL_NS, self._ports.vehicle.due_ns(self._stepped_ns))
+        return min(self._tick_due_ns, vehicle_ns, self._stepped_ns + IDLE_NS)
 
     def step(self, now_ns: int) -> None:
         """Take in what has come, and do what is due at `now_ns`."""

@@ -56,20 +56,17 @@ class Waiter:
         self._woken.setblocking(False)
         self._filenos = (*filenos, self._woken.fileno)
         self._poll = select.poll()
-        self._registered: set[int] = set()
+        self._watched: list[int] = []
 
     def wait(self, duration_ns: int) -> None:
         """Wait for at most `duration_ns`."""
-        wanted = {number for fileno in self._filenos if (number := fileno()) >= 0}
-        for gone in self._registered - wanted:
-            self._poll.unregister(gone)
-        for number in wanted:  # again also where known: the number may now be another socket's
-            self._poll.register(number, select.POLLIN)
-        self._registered = wanted
+        numbers = [number for fileno in self._filenos if (number := fileno()) >= 0]
+        if numbers != self._watched:
+            self._watch(numbers)
         ready = self._poll.poll(max(0, duration_ns) / 1e6)
         if ready and duration_ns > GATHER_NS:
             time.sleep(GATHER_NS / NS_PER_S)
-        if any(number == self._woken.fileno() for number, _ in ready):
+        if (self._woken.fileno(), select.POLLIN) in ready:
             with contextlib.suppress(BlockingIOError):
                 self._woken.recv(64)
 
@@ -82,6 +79,11 @@ class Waiter:
         """Give the sockets back."""
         self._wake.close()
         self._woken.close()
+
+    def _watch(self, numbers: list[int]) -> None:
+        self._watched, self._poll = numbers, select.poll()
+        for number in numbers:
+            self._poll.register(number, select.POLLIN)
 
 
 class Waits(Protocol):

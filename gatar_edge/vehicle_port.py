@@ -85,17 +85,21 @@ class AutopilotPort:
             say = self._journal.note if event.kind in _QUIET else self._journal.info
             say(f"vehicle {event.kind.value}: {event.text}", event.t_ns)
 
+    def due_ns(self, now_ns: int) -> int:
+        """When `poll` has something to do next, unless something arrives or is commanded first."""
+        return self.driver.due_ns(now_ns)
+
     def state(self, now_ns: int) -> VehicleState:
         """What is known of the vehicle."""
         return self.driver.state(now_ns)
 
-    def memory(self) -> DriverMemory:
-        """What the next process needs to go on, if this one is killed."""
-        return self.driver.memory()
-
     def cell(self) -> Cell | None:
         """Where the vehicle is, as it tells."""
         return self.driver.cell()
+
+    def memory(self) -> DriverMemory:
+        """What the next process needs to go on, if this one is killed."""
+        return self.driver.memory()
 
     def critical(self, critical: bool) -> None:
         """Let the heartbeat say that the robot's own mind fails."""

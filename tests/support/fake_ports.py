@@ -58,6 +58,7 @@ class FakeVehicle:
     commands: list[VehicleCommand] = field(default_factory=list)
     is_critical: bool = False
     polls: int = 0
+    timer_ns: int = 0
     refuses: Cell | None = None
     sent_home: bool = False
 
@@ -71,6 +72,9 @@ class FakeVehicle:
     def poll(self, now_ns: int) -> None:
         self.polls += 1
 
+    def due_ns(self, now_ns: int) -> int:
+        return self.timer_ns
+
     def state(self, now_ns: int) -> VehicleState:
         return VehicleState(
             now_ns,
@@ -81,13 +85,13 @@ class FakeVehicle:
             cell=(0, 0),
         )
 
+    def cell(self) -> Cell | None:
+        return (0, 0)
+
     def critical(self, critical: bool) -> None:
         self.is_critical = critical
 
     def failed(self) -> bool:
-    def cell(self) -> Cell | None:
-        return (0, 0)
-
         return self.refuses is not None and bool(self.commands) and self.commands[-1] == Goto(self.refuses)
 
     def neighbors(self, positions: tuple[Any, ...]) -> None:
@@ -135,7 +139,12 @@ class Rig:
     """One daemon in memory. Time passes only in `run`."""
 
     def __init__(
-        self, robot_id: int = 1, allocator: Allocator | None = None, start_ns: int = 1000 * NS_PER_S, **settings: Any
+        self,
+        robot_id: int = 1,
+        allocator: Allocator | None = None,
+        start_ns: int = 1000 * NS_PER_S,
+        tick_ns: int = TICK_NS,
+        **settings: Any,
     ) -> None:
         self.now_ns = start_ns
         self.radio, self.vehicle, self.saver, self.log = FakeRadio(), FakeVehicle(), FakeSaver(), FakeLog()
@@ -152,7 +161,7 @@ class Rig:
             published=lambda t_ns, snapshot: self.snapshots.append(snapshot()),
         )
         perception = Perception(robot_id, RobotKind.UAV, CONFIG.grid)
-        self.daemon = Daemon(self.agent, perception, ByteBudget(32_768), ports, Settings(TICK_NS, **settings))
+        self.daemon = Daemon(self.agent, perception, ByteBudget(32_768), ports, Settings(tick_ns, **settings))
 
     def receive(self) -> list[bytes]:
         arrived, self.observations = self.observations, []

@@ -11,6 +11,7 @@ from fake_ports import TICK_NS, Rig
 
 from gatar_edge.allocators.base import Allocation
 from gatar_edge.allocators.greedy import Greedy
+from gatar_edge.daemon import IDLE_NS, POLL_NS
 from gatar_edge.errors import DeadlineError
 from gatar_edge.keys import DEMO_KEY
 from gatar_edge.message import decode
@@ -58,6 +59,19 @@ def test_the_loop_ticks_at_its_rate_however_often_it_is_woken() -> None:
     rig.run(10, step_ns=NS_PER_S // 1000, seeing=False)
     assert rig.daemon.counters.ticks == 50
     assert rig.vehicle.polls == 10_000
+
+
+def test_the_loop_sleeps_until_a_tick_or_a_timer_is_due_but_never_for_long() -> None:
+    def slept_ns(timer_ns: int, tick_ns: int = TICK_NS) -> int:
+        rig = Rig(start_ns=0, tick_ns=tick_ns)
+        rig.vehicle.timer_ns = timer_ns
+        rig.daemon.step(0)
+        return rig.daemon.due_ns
+
+    assert slept_ns(NS_PER_S) == TICK_NS
+    assert slept_ns(POLL_NS + 1) == POLL_NS + 1
+    assert slept_ns(0) == POLL_NS  # due at any time: not at once, or the loop would spin
+    assert slept_ns(NS_PER_S, tick_ns=NS_PER_S) == IDLE_NS
 
 
 def test_a_message_is_relayed_before_the_next_tick() -> None:
