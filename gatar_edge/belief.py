@@ -45,7 +45,7 @@ def observed(belief: ByteGrid, observation: Observation) -> ByteGrid:
 
 
 def same_sight(one: Observation, other: Observation) -> bool:
-    """Whether two observations show the same by being made of the same arrays, as the simulator's are."""
+    """Whether two observations show the same by being made of the same arrays, as the perception's are."""
     return (
         one.cell == other.cell
         and one.seen is other.seen

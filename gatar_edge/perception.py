@@ -28,6 +28,8 @@ MAX_AGE_MS = 600_000.0
 _Coordinate = Annotated[int, Meta(ge=-0x8000, le=0x7FFF)]
 _Set = Annotated[list[tuple[_Coordinate, _Coordinate]], Meta(max_length=MAX_CELLS)]
 _Age = Annotated[float, Meta(ge=0, le=MAX_AGE_MS)]
+_Sets = tuple[list[Cell], list[Cell], list[Cell]]  # seen, obstacles, targets
+_Arrays = tuple[Cells, Cells, Cells]
 
 
 class ObservationDatagram(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
@@ -65,6 +67,7 @@ class Perception:
     last_error: str = ""  # of the latest malformed datagram, naming the field
     newest_ns: int | None = None  # when the newest accepted data was true
     _accepted_ns: list[int] = field(default_factory=list)
+    _told: tuple[_Sets, _Arrays] | None = None  # what was accepted last, as lists and as arrays
 
     def take(self, data: bytes, now_ns: int, own_cell: Cell | None) -> Observation | None:
         """The observation in `data`, received at `now_ns`, or None; `own_cell` is the autopilot's position."""
@@ -100,8 +103,14 @@ class Perception:
         outcome = self._sort(datagram.robot_id, cell, t_ns)
         if outcome is not ObservationOutcome.ACCEPTED:
             return outcome, None
-        seen, obstacles, targets = map(_as_array, (datagram.seen, datagram.obstacles, datagram.targets))
+        seen, obstacles, targets = self._arrays((datagram.seen, datagram.obstacles, datagram.targets))
         return outcome, Observation(self.robot_id, self.kind, cell, seen, obstacles, targets, t_ns)
+
+    def _arrays(self, sets: _Sets) -> _Arrays:
+        """The sets as arrays: the same ones where a robot sees the same again, so that nobody looks into them anew."""
+        if self._told is None or self._told[0] != sets:
+            self._told = sets, (_as_array(sets[0]), _as_array(sets[1]), _as_array(sets[2]))
+        return self._told[1]
 
     def _sort(self, robot_id: int | None, cell: Cell, t_ns: int) -> ObservationOutcome:
         if robot_id not in {None, self.robot_id}:

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gatar_edge.belief import same_sight
 from gatar_edge.perception import (
     MAX_CELLS,
     MAX_OBSERVATION_BYTES,
@@ -108,6 +109,21 @@ def test_older_data_does_not_replace_newer() -> None:
     assert judge.take(datagram(age_ms=2000), 2 * S, None) is None
     assert judge.counters[ObservationOutcome.OLDER] == 1
     assert judge.age_ns(2 * S) == S + 10_000_000
+
+
+def test_what_is_seen_again_is_the_same_arrays_and_anything_else_is_not() -> None:
+    judge = perception()
+    first, again, other = (
+        judge.take(datagram(targets=targets, age_ms=age_ms), now_s * S, None)
+        for now_s, age_ms, targets in ((100, 0, [[5, 5]]), (101, 7, [[5, 5]]), (102, 0, []))
+    )
+    assert first is not None
+    assert again is not None
+    assert other is not None
+    assert again.t_ns == 101 * S - 7_000_000
+    assert same_sight(first, again)
+    assert not same_sight(first, other)
+    assert other.targets.tolist() == []
 
 
 def test_the_rate_falls_when_observations_stop() -> None:
