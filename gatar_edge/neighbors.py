@@ -173,9 +173,8 @@ class NeighborTable:
         """A message that was relayed before is news to few: those pass it on."""
         if own_cell is None or message.hops > 0:
             return True
-        others = self._places(now_ns)
-        author = Neighbor(message, now_ns).place(now_ns)
-        return passes_on(Place(self._robot_id, own_cell), author, message.seq, others.values(), self._r_comm)
+        own, others = Place(self._robot_id, own_cell), self._places(now_ns)
+        return passes_on(own, _told_place(message), message.seq, others.values(), self._r_comm)
 
     def _places(self, now_ns: int) -> dict[int, Place]:
         """Where the neighbours are, by id: worked out once for all that is heard in one moment."""
@@ -194,19 +193,25 @@ class NeighborTable:
         return found
 
     def _remember(self, neighbor: Neighbor) -> None:
-        self._authors.pop(neighbor.robot_id, None)  # so that the new entry is the last
+        robot_id = neighbor.robot_id
+        self._authors.pop(robot_id, None)  # so that the new entry is the last
         if len(self._authors) >= MAX_AUTHORS:
             forgotten = next(iter(self._authors))
             del self._authors[forgotten]
             self._placed.pop(forgotten, None)
-        self._authors[neighbor.robot_id] = neighbor
+        self._authors[robot_id] = neighbor
         if neighbor.heard_ns == self._placed_ns:
-            self._placed[neighbor.robot_id] = neighbor.place(neighbor.heard_ns)
+            self._placed[robot_id] = _told_place(neighbor.message)
         else:
             self._placed_ns = -1
 
 
 _author = attrgetter("message.robot_id")
+
+
+def _told_place(message: NeighborMessage) -> Place:
+    """Where the author of a message is in the moment in which it is heard: anywhere when it does not know."""
+    return Place(message.robot_id, message.cell, math.inf if message.cell[0] < 0 else 0.0)
 
 
 def _squared_distance(one: Cell, other: Cell) -> int:

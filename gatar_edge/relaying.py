@@ -35,24 +35,36 @@ def passes_on(own: Place, author: Place, seq: int, others: Iterable[Place], r_co
 
     `r_comm` is the range of radio in cells. In plain loops, because a robot asks this of each message that it hears.
     """
-    mine, hearing = _turn(own.robot_id, seq), r_comm - author.moved_cells
+    mine, here = _turn(own.robot_id, seq), own.cell
+    author_id, origin, hearing = author.robot_id, author.cell, r_comm - author.moved_cells
     earlier: list[Place] = []  # those whose turn comes before ours
-    lacking: list[tuple[Place, int]] = []
+    in_range: list[Place] = []  # of ours and of the author
+    out_of_range: list[Place] = []  # of the author, in ours
     for other in others:
         robot_id, cell, moved = other
-        if robot_id == author.robot_id:
+        if robot_id == author_id:
             continue
-        heard = dist(cell, author.cell) <= hearing - moved
+        heard = dist(cell, origin) <= hearing - moved
         if heard and _turn(robot_id, seq) < mine:
             earlier.append(other)
-        if dist(cell, own.cell) <= r_comm + moved:
-            lacking.append((other, IN_RANGE_COPIES if heard else OUT_OF_RANGE_COPIES))
-    for (robot_id, cell, moved), copies in lacking:
-        told = 0
-        for sender_id, sender, sender_moved in earlier:
-            told += dist(sender, cell) <= r_comm - moved - sender_moved and sender_id != robot_id
-            if told == copies:
-                break
+        if dist(cell, here) <= r_comm + moved:
+            (in_range if heard else out_of_range).append(other)
+    return _lacks(in_range, earlier, r_comm, IN_RANGE_COPIES) or _lacks(
+        out_of_range, earlier, r_comm, OUT_OF_RANGE_COPIES
+    )
+
+
+def _lacks(robots: list[Place], senders: list[Place], r_comm: float, copies: int) -> bool:
+    """Whether one of the robots is surely told by fewer than `copies` of the senders."""
+    if len(senders) < copies:
+        return bool(robots)
+    for robot_id, cell, moved in robots:
+        told, reach = 0, r_comm - moved
+        for sender_id, sender, sender_moved in senders:
+            if sender_id != robot_id and dist(sender, cell) <= reach - sender_moved:
+                told += 1
+                if told == copies:
+                    break
         else:
             return True
     return False
