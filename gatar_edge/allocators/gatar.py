@@ -115,7 +115,7 @@ def decode(
     cost[:, :count] = np.where(possible, -likely[:, :-1], IMPOSSIBLE)
     cost[:, count:] = (UNWANTED - likely[:, -1])[:, None]
     _, columns, _ = lap.lapjv(cost[order], extend_cost=True)
-    chosen = np.asarray(columns)[: len(order)]
-    choices[order] = np.where(chosen < count, chosen, NO_TARGET)
-    choices[(choices != NO_TARGET) & ~possible[np.arange(robots), choices]] = NO_TARGET
+    for row, column in zip(order.tolist(), columns.tolist(), strict=False):  # behind them the rows of padding
+        if column < count and possible[row, column]:
+            choices[row] = column
     return choices
