@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from gatar_edge.commands._learn import bar, need
+from gatar_edge.commands._options import FiniteRange
 
 
 @click.command("tune")
@@ -33,10 +34,12 @@ from gatar_edge.commands._learn import bar, need
     "--show", "shown", multiple=True, type=click.Choice(["tasks", "ages"]),
     help="What the network could not see before: what robots are doing, or how old their news is.",
 )  # fmt: skip
-@click.option("--minutes", type=float, default=0.0, help="Stop after so long.")
-@click.option("--rounds", type=int, default=0, help="Stop after so many rounds; the same weights again.")
+@click.option("--minutes", type=FiniteRange(0, 1e6), default=0.0, help="Stop after so long.")
+@click.option(
+    "--rounds", type=click.IntRange(0, 10**6), default=0, help="Stop after so many rounds; the same weights again."
+)
 @click.option("--missions", type=click.IntRange(1, 100_000), default=112, show_default=True, help="In each round.")
-@click.option("--rate", type=float, default=5e-4, show_default=True, help="Largest learning rate.")
+@click.option("--rate", type=FiniteRange(0, 1), default=5e-4, show_default=True, help="Largest learning rate.")
 @click.option("--seed", type=click.IntRange(0, 2**16 - 1), default=0, show_default=True)
 @click.option("--threads", type=click.IntRange(1, 256), default=2, show_default=True)
 def command(run: Path, out: Path, **options: Any) -> None:
