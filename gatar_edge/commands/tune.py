@@ -41,7 +41,7 @@ from gatar_edge.commands._options import FiniteRange
 @click.option("--missions", type=click.IntRange(1, 100_000), default=112, show_default=True, help="In each round.")
 @click.option("--rate", type=FiniteRange(0, 1), default=5e-4, show_default=True, help="Largest learning rate.")
 @click.option("--seed", type=click.IntRange(0, 2**16 - 1), default=0, show_default=True)
-@click.option("--threads", type=click.IntRange(1, 256), default=2, show_default=True)
+@click.option("--threads", type=click.IntRange(1, 256), default=1, show_default=True)
 def command(run: Path, out: Path, **options: Any) -> None:
     """Fine-tune a trained network on how long missions take in which it decides.
 

@@ -26,6 +26,7 @@ from gatar_edge.commands.tune import command
 from gatar_edge.errors import ConfigError
 from gatar_edge.grid import UNREACHABLE
 from gatar_edge.learn.evaluate import view_at
+from gatar_edge.learn.memory import NOBODY
 from gatar_edge.learn.train import Trainer, load_model, tensors_of
 from gatar_edge.learn.tuning.critic import Critic, advantages
 from gatar_edge.learn.tuning.missions import Conditions, Missions
@@ -67,12 +68,32 @@ def flown(seed: int = 3):
 def test_missions_end_when_all_targets_are_localized_and_none_goes_on() -> None:
     missions = Missions(conditions(), luck=1)
     while not missions.over.all():
+        active = missions.moment().active
+        first_left = np.array([np.argwhere(missions._left[b])[0] for b in active])
+        missions.act(active, first_left[:, None].repeat(missions.robots, axis=1))
+        assert set(np.flatnonzero(~missions.over).tolist()) <= set(active.tolist())
+        assert (missions.steps[active] == missions.step).all()
+        assert missions.step < 1000
+    assert len(set(missions.steps.tolist())) > 1
+
+
+def test_a_robot_knows_of_the_others_goals_what_they_told_it_last() -> None:
+    missions, rng = Missions(replace(conditions(1), r_comm=np.full(1, 3.0)), luck=1), np.random.default_rng(1)
+    goals, told = np.full((3, 2), 255), {}
+    stale = 0
+    while not missions.over.all() and missions.step < 60:
         moment = missions.moment()
-        active = set(moment.active.tolist())
-        missions.act(moment.active, np.full((len(active), missions.robots, 2), -1))
-        assert set(np.flatnonzero(~missions.over).tolist()) <= active
-        assert (missions.steps[list(active)] == missions.step).all()
-    assert (missions.steps > 0).all()
+        for n in range(3):
+            for m in range(3):
+                age = moment.group.known[0, n, m, 2]
+                if age == 0:
+                    told[n, m] = tuple(goals[m].tolist())
+                if age != NOBODY:
+                    assert tuple(moment.group.tasks[0, n, m].tolist()) == told[n, m]  # type: ignore[index]
+                    stale += told[n, m] != tuple(goals[m].tolist())
+        goals = rng.integers(0, 15, (3, 2))
+        missions.act(moment.active, goals[None])
+    assert stale > 5  # else nobody was out of range
 
 
 def test_the_same_seed_flies_the_same_missions_and_another_one_does_not() -> None:

@@ -86,16 +86,17 @@ class Missions:
         packed = np.zeros((count, robots, -(-3 * size * size // 8)), dtype=np.uint8)
         rows = np.zeros((count, robots, 8), dtype=np.uint8)
         known = np.zeros((count, robots, robots, 3), dtype=np.uint8)
+        told = np.zeros((count, robots, robots, 2), dtype=np.uint8)
         standing = np.zeros((count, STANDING))
         _take_in(
             active, self.step, self._obstacles, self._here, self._truth, self._kinds, self._speeds, self._cells,
             self._tasks, conditions.r_sense, conditions.r_comm, conditions.loss, self._own, self._left, self._ears,
-            self._heard, self._last, self._beliefs, packed, rows, known, standing,
+            self._heard, self._last, self._beliefs, packed, rows, known, told, standing,
         )  # fmt: skip
         votes = np.full((count, robots, VOTES, 3), NO_LABEL, dtype=np.uint8)
         plans = np.full((count, robots, robots), NO_PLAN, dtype=np.uint8)
         r_comm = conditions.r_comm[active].astype(np.float32)
-        group = Group(conditions.team, size, packed, rows, known, votes, plans, r_comm, HOP_LIMIT, frontiers=True)
+        group = Group(conditions.team, size, packed, rows, known, votes, plans, r_comm, HOP_LIMIT, True, told)
         return Moment(active, group, standing)
 
     def act(self, active: Array, goals: Array) -> None:
@@ -123,7 +124,7 @@ def _seed(luck: int) -> None:
 def _take_in(
     active: Array, step: int, obstacles: Array, here: Array, truth: Array, kinds: Array, speeds: Array, cells: Array,
     tasks: Array, r_sense: Array, r_comm: Array, loss: Array, own: Array, left: Array, ears: Array, heard: Array,
-    last: Array, beliefs: Array, packed: Array, rows: Array, known: Array, standing: Array,
+    last: Array, beliefs: Array, packed: Array, rows: Array, known: Array, told: Array, standing: Array,
 ) -> None:  # fmt: skip
     hops = np.empty((len(kinds), len(kinds)), dtype=np.int64)
     nowhere = np.full((len(kinds), 2), -1, dtype=np.int64)
@@ -134,6 +135,10 @@ def _take_in(
             REMEMBER, step, own[b], left[b], hops, ears[b], heard[b], last[b], beliefs[b], packed[a], known[a],
         )  # fmt: skip
         record(beliefs[b], cells[b], tasks[b], speeds[b], nowhere, rows[a])
+        for n in range(len(kinds)):
+            for m in range(len(kinds)):
+                goal = tasks[b, n] if m == n else last[b, n, m, 2:]
+                told[a, n, m, 0], told[a, n, m, 1] = goal[0] & 255, goal[1] & 255
         stand(truth[b], left[b], beliefs[b], kinds, speeds[b], cells[b], r_comm[b], loss[b], standing[a])
 
 

@@ -140,6 +140,6 @@ def _joined(groups: list[Group]) -> Group:
     """All steps in one group."""
     columns: dict[str, Any] = {
         name: np.concatenate([getattr(group, name) for group in groups])
-        for name in ("beliefs", "robots", "known", "votes", "plans", "r_comm")
+        for name in ("beliefs", "robots", "known", "votes", "plans", "r_comm", "tasks")
     }
     return replace(groups[0], **columns)
