@@ -20,6 +20,7 @@ COMMANDS = {
     "fleet": "show the team live, by listening only",
     "dataset": "make training data with a teacher",
     "train": "train a network",
+    "tune": "fine-tune a network on how long missions take",
     "eval": "compare allocators with the paper and with each other",
     "export": "turn a trained network into one ONNX file",
     "verify": "prove that an ONNX file equals its network",

@@ -10,14 +10,27 @@ from typing import Any
 from gatar_edge.errors import ConfigError
 
 LOG = "log.jsonl"
-EVERY = 20  # steps that make one line
-MEANS = ("loss", "exact")  # of the line's steps; all else is of its last step
+EVERY = 20  # steps of training that make one line
+MEANS = ("loss", "exact")  # of training
+_PANELS = (
+    ("loss", "loss", "tab:blue"),
+    ("exact", "exact targets of ego", "tab:green"),
+    ("excess", "steps, against one who knows all", "tab:blue"),
+    ("change", "change of a choice, nats", "tab:green"),
+    ("rate", "rate", "tab:gray"),
+)  # a run has the first two, or the next two
 
 
 class Curves:
-    """Appends a line for every `EVERY` steps, after those up to `step`: what came later was never saved."""
+    """Appends a line for every so many steps, after those up to `step`: what came later was never saved.
 
-    def __init__(self, folder: Path, step: int, writes: bool = True) -> None:
+    Of `means` a line has the mean over its steps, of all else what the last step had.
+    """
+
+    def __init__(
+        self, folder: Path, step: int, writes: bool = True, every: int = EVERY, means: tuple[str, ...] = MEANS
+    ) -> None:
+        self._every, self._means = every, means
         self._path = folder / LOG
         self._writes = writes
         self._steps: list[dict[str, Any]] = []
@@ -41,11 +54,14 @@ class Curves:
         if not self._writes:
             return
         self._steps.append(progress)
-        if progress["step"] % EVERY == 0:
+        if progress["step"] % self._every == 0:
             self._write()
 
     def _write(self) -> None:
-        line = {**self._steps[-1], **{name: sum(s[name] for s in self._steps) / len(self._steps) for name in MEANS}}
+        line = {
+            **self._steps[-1],
+            **{name: sum(s[name] for s in self._steps) / len(self._steps) for name in self._means},
+        }
         self._steps = []
         with self._path.open("a", encoding="utf-8") as log:
             log.write(json.dumps(line) + "\n")
@@ -75,14 +91,14 @@ def read(folder: Path) -> list[dict[str, Any]]:
 
 
 def plot(folder: Path, out: Path) -> None:
-    """Draw loss, exact share and learning rate over the steps: SVG, PNG or PDF by the name. Raises ConfigError."""
+    """Draw what a run learned, and its rate, over its steps: SVG, PNG or PDF by the name. Raises ConfigError."""
     from matplotlib.figure import Figure  # without pyplot: no display is looked for
 
     lines = read(folder)
     steps = [line["step"] for line in lines]
     figure = Figure(figsize=(8, 7.5), layout="constrained")
     axes = figure.subplots(3, 1, sharex=True, height_ratios=(3, 3, 1))
-    shown = (("loss", "loss", "tab:blue"), ("exact", "exact targets of ego", "tab:green"), ("rate", "rate", "tab:gray"))
+    shown = [panel for panel in _PANELS if panel[0] in lines[0]]
     for axis, (name, label, colour) in zip(axes, shown, strict=True):
         values = [float(line.get(name, 0.0)) for line in lines]
         axis.set_ylabel(label)
@@ -94,12 +110,13 @@ def plot(folder: Path, out: Path) -> None:
         axis.plot(steps, values, color=colour, alpha=0.25, linewidth=0.8)
         smoothed = _smoothed(values)
         axis.plot(steps, smoothed, color=colour, label=f"last {smoothed[-1]:.3f}")
-        axis.legend(loc="upper right" if name == "loss" else "lower right")
-    if min(line["loss"] for line in lines) > 0:
-        axes[0].set_yscale("log")
-        axes[0].yaxis.set_major_formatter("{x:g}")
-        axes[0].yaxis.set_minor_formatter("{x:g}")
-    axes[1].set_ylim(top=1.0)
+        axis.legend(loc="lower right" if name == "exact" else "upper right")
+        if name == "exact":
+            axis.set_ylim(top=1.0)
+        elif name == "loss" and min(values) > 0:
+            axis.set_yscale("log")
+            axis.yaxis.set_major_formatter("{x:g}")
+            axis.yaxis.set_minor_formatter("{x:g}")
     axes[-1].set_xlabel("step")
     axes[0].set_title(f"{folder.name}: {steps[-1]} steps, {lines[-1]['seconds'] / 60:.1f} minutes")
     try:

@@ -68,14 +68,10 @@ def episode(
     way = np.zeros(count)
     remember = REMEMBER if teacher == FORESIGHT else 0
     for step in range(packed.shape[0]):
-        look(obstacles, here, kinds, cells, r_sense, own, left)
-        hop_counts(cells, r_comm, hop_limit, hops)
-        hear(hops, loss, cells, tasks, step, ears, heard, last)
-        share(own, ears, beliefs)
-        own[:] = beliefs
-        for n in range(count):
-            pack(beliefs[n], packed[step, n])
-            reckon(n, cells, speeds, ears, r_comm, remember, step, heard, last, known[step, n])
+        take_in(
+            obstacles, here, kinds, speeds, cells, tasks, r_sense, r_comm, hop_limit, loss, remember, step,
+            own, left, hops, ears, heard, last, beliefs, packed[step], known[step],
+        )  # fmt: skip
         if teacher == GREEDY:
             label_by_expert(beliefs, known[step], kinds, speeds, cells, goals, votes[step], plans[step])
         else:
@@ -90,3 +86,25 @@ def episode(
         tasks[:] = goals
         move(obstacles, kinds, speeds, goals, beliefs, way, cells, own, left)
     return int(packed.shape[0])
+
+
+@compiled
+def take_in(
+    obstacles: Array, here: Array, kinds: Array, speeds: Array, cells: Array, tasks: Array, r_sense: float,
+    r_comm: float, hop_limit: int, loss: float, remember: int, step: int,
+    own: Array, left: Array, hops: Array, ears: Array, heard: Array, last: Array, beliefs: Array, packed: Array,
+    known: Array,
+) -> None:  # fmt: skip
+    """One step of a team up to its decision: everybody looks, tells and hears.
+
+    Changed are `own` beliefs [N, W, H], targets `left` [W, H], and what was `heard` and `last` told (`memory.hear`);
+    filled are `hops` and `ears` [N, N], merged `beliefs` and the same `packed`, and `known` (`memory.reckon`).
+    """
+    look(obstacles, here, kinds, cells, r_sense, own, left)
+    hop_counts(cells, r_comm, hop_limit, hops)
+    hear(hops, loss, cells, tasks, step, ears, heard, last)
+    share(own, ears, beliefs)
+    own[:] = beliefs
+    for n in range(len(kinds)):
+        pack(beliefs[n], packed[n])
+        reckon(n, cells, speeds, ears, r_comm, remember, step, heard, last, known[n])

@@ -31,7 +31,7 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
 
 def digest_of(package: Path) -> str:
     """Of the text of all that is compiled in `package`, and of the modules of its constants."""
-    learn = [path.read_bytes() for path in sorted((package / "learn").glob("*.py"))]
+    learn = [path.read_bytes() for path in sorted((package / "learn").rglob("*.py"))]
     texts = [text for text in learn if b"@compiled" in text]
     texts += [(package / name).read_bytes() for name in _CONSTANTS]
     whole = hashlib.blake2b(digest_size=8)

@@ -31,6 +31,15 @@ def routing(first: Array, legs: Array, kinds: Array, pace: Array, rounds: int, o
 
     More `rounds` than `tours.ROUNDS` think longer than a robot could.
     """
+    cost, plan = tours_of(first, legs, kinds, pace, rounds)
+    for robot in range(len(kinds)):
+        out[robot] = plan.kept[robot, 0] if plan.kept_count[robot] > 0 else -1
+    return cost
+
+
+@compiled
+def tours_of(first: Array, legs: Array, kinds: Array, pace: Array, rounds: int) -> tuple[float, Plan]:
+    """The routing rule's plan for one view, and its cost in seconds."""
     robots, targets = first.shape
     plan = Plan(
         np.zeros((robots, targets), np.int64),
@@ -42,9 +51,7 @@ def routing(first: Array, legs: Array, kinds: Array, pace: Array, rounds: int, o
         np.zeros(targets, np.int64),
     )
     cost: float = _solve(Problem(first, legs, kinds, pace), plan, rounds)
-    for robot in range(robots):
-        out[robot] = plan.kept[robot, 0] if plan.kept_count[robot] > 0 else -1
-    return cost
+    return cost, plan
 
 
 @compiled

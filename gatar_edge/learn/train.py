@@ -24,6 +24,7 @@ from torch.nn import functional
 from torch.nn.parallel import DistributedDataParallel
 
 from gatar_edge.errors import ConfigError
+from gatar_edge.learn.checkpoint import claim, load_checkpoint, save_checkpoint
 from gatar_edge.learn.curves import Curves
 from gatar_edge.learn.loader import Loader
 from gatar_edge.learn.networks import build, settings_of
@@ -212,43 +213,15 @@ class Trainer:
         self.ranks.check_alike(self.network)
         if self.ranks.rank > 0:
             return
-        state = {f"model.{name}": tensor for name, tensor in self.network.state_dict().items()}
-        for name, parameter in self.network.named_parameters():
-            for key, value in self.optimizer.state.get(parameter, {}).items():
-                state[f"{key}.{name}"] = torch.as_tensor(value)
-        new = self.folder / "checkpoint.new"
-        note = {"step": self.step, "seconds": self.seconds}
-        save_file(state, new, metadata={"state": json.dumps(note)})
-        new.replace(self.folder / "checkpoint.safetensors")
+        save_checkpoint(self.folder, self.network, self.optimizer, {"step": self.step, "seconds": self.seconds})
 
     def _claim(self) -> None:
         """Start a folder, or go on with the run that it holds. Raises ConfigError if that is another run."""
-        self.folder.mkdir(parents=True, exist_ok=True)
-        note = self.folder / "run.json"
         wanted = {"options": asdict(self.options), "data_sha256": self.manifest["sha256"]}
-        wanted = json.loads(json.dumps(wanted))
-        if note.is_file() and json.loads(note.read_text()) != wanted:
-            raise ConfigError(f"{self.folder} holds another run (see {note.name}): choose another folder")
-        if self.ranks.rank == 0:
-            new = self.folder / "run.new"
-            new.write_text(json.dumps(wanted, indent=1) + "\n")
-            new.replace(note)
-        checkpoint = self.folder / "checkpoint.safetensors"
-        if checkpoint.is_file():
-            self._resume(checkpoint)
-
-    def _resume(self, checkpoint: Path) -> None:
-        from safetensors import safe_open
-
-        state = load_file(checkpoint, device=str(self.device))
-        with safe_open(checkpoint, framework="pt") as file:
-            note = json.loads(file.metadata()["state"])
-        self.step, self.seconds = int(note["step"]), float(note["seconds"])
-        self.network.load_state_dict({k[6:]: v for k, v in state.items() if k.startswith("model.")})
-        for name, parameter in self.network.named_parameters():
-            self.optimizer.state[parameter] = {
-                key: state[f"{key}.{name}"] for key in ("step", "exp_avg", "exp_avg_sq") if f"{key}.{name}" in state
-            }
+        claim(self.folder, wanted, writes=self.ranks.rank == 0)
+        saved = load_checkpoint(self.folder, self.network, self.optimizer, str(self.device))
+        if saved is not None:
+            self.step, self.seconds = int(saved[0]["step"]), float(saved[0]["seconds"])
 
     def _finish(self) -> Path:
         path = self.folder / "model.safetensors"

@@ -42,6 +42,7 @@ class Group:
     r_comm: Array  # float32 [S]
     hop_limit: int
     frontiers: bool = False  # among the candidates, as the teacher had them
+    tasks: Array | None = None  # uint8 [S, N, N, 2], what each robot was last told of each one's goal; None: as it is
 
     @property
     def views(self) -> int:
@@ -125,11 +126,12 @@ def batch_of(group: Group, indices: Array, with_windows: bool = True) -> Batch:
     shares = np.concatenate([shares[:, :listed], shares[:, -1:]], axis=1)
     present = rows >= 0
     taken = np.maximum(rows, 0)
-    robots = np.take_along_axis(robots.astype(np.int64), taken[..., None], axis=1)
-    known = np.take_along_axis(known.astype(np.int64), taken[..., None], axis=1)
-    robots[~present] = 0
-    known[~present] = 0
-    tasks = robots[..., 5:7]
+    told = robots[..., 5:7] if group.tasks is None else group.tasks[steps, egos]
+    robots, known, tasks = (
+        np.take_along_axis(rows_of.astype(np.int64), taken[..., None], axis=1) for rows_of in (robots, known, told)
+    )
+    for rows_of in (robots, known, tasks):
+        rows_of[~present] = 0
     tasks[tasks == NO_LABEL] = -1
     view = ViewArrays(
         belief=belief, distances=np.ascontiguousarray(distances), robots=known[..., :2], kinds=kinds[taken],

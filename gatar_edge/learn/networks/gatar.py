@@ -136,6 +136,21 @@ class Gatar(nn.Module):
         xy = _ego_xy(scores, valid, offsets)
         return Outputs(every.squeeze(1), xy, weights[:, :, 0].mean(dim=1), tuple(history))
 
+    def shows_more_than(self, before: Gatar) -> None:
+        """Start from the weights of `before`, a network of the same size that hides features which this one sees.
+
+        Those count nothing at first, so that both say the same.
+        """
+        self.load_state_dict(before.state_dict())
+        pairs, robots = (
+            torch.nonzero(new > old).flatten()
+            for new, old in ((self.pair_scale, before.pair_scale), (self.robot_scale, before.robot_scale))
+        )
+        with torch.no_grad():
+            _linears(self.encode)[0].weight[:, pairs] = 0
+            _linears(self.encode)[0].weight[:, len(PAIR_FEATURES) + robots] = 0
+            _linears(self.none)[0].weight[:, self.config.width + robots] = 0
+
     def _shortcut(self, level: int, before: Tensor) -> Tensor:
         """K_ll of eq. 9b: what the way up at `level` takes from the way down."""
         ups = sorted(set(self.config.levels[len(self.config.levels) // 2 :]))
