@@ -22,13 +22,31 @@ from gatar_edge.commands._options import FiniteRange
     "--size", "sizes", multiple=True, type=int, default=(15,), show_default=True, help="Of worlds, round by round."
 )
 @click.option(
-    "--r-comm", "r_comms", multiple=True, type=float, default=(6.0,), show_default=True, help="Drawn per mission."
+    "--r-comm",
+    "r_comms",
+    multiple=True,
+    type=FiniteRange(0, 1000),
+    default=(6.0,),
+    show_default=True,
+    help="Drawn per mission.",
 )
 @click.option(
-    "--r-sense", "r_senses", multiple=True, type=float, default=(4.0,), show_default=True, help="As --r-comm."
+    "--r-sense",
+    "r_senses",
+    multiple=True,
+    type=FiniteRange(0, 1000),
+    default=(4.0,),
+    show_default=True,
+    help="As --r-comm.",
 )
 @click.option(
-    "--loss", "losses", multiple=True, type=float, default=(0.0,), show_default=True, help="Of messages; as --r-comm."
+    "--loss",
+    "losses",
+    multiple=True,
+    type=FiniteRange(0, 1),
+    default=(0.0,),
+    show_default=True,
+    help="Of messages; as --r-comm.",
 )
 @click.option(
     "--show", "shown", multiple=True, type=click.Choice(["tasks", "ages"]),
