@@ -22,7 +22,10 @@ NOTE = "run.json"
 
 
 def claim(folder: Path, wanted: dict[str, Any], *, writes: bool = True) -> None:
-    """Start a folder for the run that `wanted` describes, or find that it is this run's. Raises ConfigError."""
+    """Start a folder for the run that `wanted` describes, or find that it is this run's. Raises ConfigError.
+
+    What the run reads is known in `wanted` by its digest, not by where it lies: it may be moved.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     note = folder / NOTE
     wanted = json.loads(json.dumps(wanted))

@@ -217,7 +217,8 @@ class Trainer:
 
     def _claim(self) -> None:
         """Start a folder, or go on with the run that it holds. Raises ConfigError if that is another run."""
-        wanted = {"options": asdict(self.options), "data_sha256": self.manifest["sha256"]}
+        options = {name: value for name, value in asdict(self.options).items() if name != "data"}
+        wanted = {"options": options, "data_sha256": self.manifest["sha256"]}
         claim(self.folder, wanted, writes=self.ranks.rank == 0)
         saved = load_checkpoint(self.folder, self.network, self.optimizer, str(self.device))
         if saved is not None:

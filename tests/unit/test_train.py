@@ -1,6 +1,7 @@
 """The training loop: it learns, repeats itself, and goes on where it was cut off."""
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -9,7 +10,7 @@ from itertools import islice
 
 import pytest
 import torch
-from learning import TINY_AHEAD, TINY_OF, ahead_data, options, tiny_run
+from learning import TINY_AHEAD, TINY_OF, ahead_data, options, tiny_data, tiny_run
 from safetensors.torch import load_file
 
 from gatar_edge.errors import ConfigError
@@ -81,6 +82,15 @@ def test_a_run_that_was_cut_off_ends_with_the_weights_of_one_that_was_not(tmp_pa
     again = Trainer(options(), tmp_path)
     assert 0 < again.step < 12
     assert same(again.run(lambda progress: None), tiny_run() / "model.safetensors")
+
+
+def test_a_run_goes_on_when_its_data_were_moved(tmp_path):
+    moved = tmp_path / "moved"
+    shutil.copytree(tiny_data(), moved)
+    Trainer(options(), tmp_path / "run")
+    assert Trainer(options(data=str(moved)), tmp_path / "run").step == 0
+    with pytest.raises(ConfigError, match="another run"):
+        Trainer(options(data=str(ahead_data())), tmp_path / "run")
 
 
 def test_a_run_that_was_killed_ends_with_the_weights_of_one_that_was_not(tmp_path):

@@ -106,7 +106,8 @@ class Tuner:
         self.optimizer = torch.optim.AdamW(self.network.parameters(), lr=options.rate, weight_decay=0.0)
         self.critic = Critic()
         self.step, self.seconds = 0, 0.0
-        claim(folder, {"options": asdict(options), "weights_sha256": _digest(Path(options.run))})
+        described = {name: value for name, value in asdict(options).items() if name != "run"}
+        claim(folder, {"options": described, "weights_sha256": _digest(Path(options.run))})
         saved = load_checkpoint(folder, self.network, self.optimizer, "cpu")
         if saved is not None:
             self.step, self.seconds = int(saved[0]["step"]), float(saved[0]["seconds"])
