@@ -64,9 +64,9 @@ def command(run: Path, out: Path, **options: Any) -> None:
     """Fine-tune a trained network on how long missions take in which it decides.
 
     RUN is the folder of a finished `gatar train` or `gatar tune`, of a network that looks ahead and reads no window.
-    Missions are flown in compiled code, in worlds of the training seeds; a critic that sees everything judges each
-    step. `excess` is the steps that they took, as a ratio to tours by one who knows all. A run that was cut off or
-    killed goes on with the round that it was in when the same command is given again.
+    Missions are flown in compiled code, in worlds of the training seeds and at the speeds of data sets; a critic that
+    sees everything judges each step. `excess` is the steps that they took, as a ratio to tours by one who knows all. A
+    run that was cut off or killed goes on with the round that it was in when the same command is given again.
 
     \b
     Example:

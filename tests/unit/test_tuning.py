@@ -25,6 +25,7 @@ from gatar_edge.commands.train import command as train
 from gatar_edge.commands.tune import command
 from gatar_edge.errors import ConfigError
 from gatar_edge.grid import UNREACHABLE
+from gatar_edge.learn.dataset import SHARDS_PER_SEED, WORLDS_PER_SHARD
 from gatar_edge.learn.evaluate import view_at
 from gatar_edge.learn.memory import NOBODY
 from gatar_edge.learn.train import Trainer, load_model, tensors_of
@@ -35,7 +36,7 @@ from gatar_edge.learn.tuning.rollout import fly, log_probabilities
 from gatar_edge.learn.tuning.standing import STANDING
 from gatar_edge.learn.tuning.tuner import FIRST_WORLD, TuneOptions, Tuner
 from gatar_edge.learn.views import batch_of, load_groups
-from gatar_edge.sim_sitl.world import Team
+from gatar_edge.sim_sitl.world import TRAINING_SEEDS, Team
 from gatar_edge.tasks import Rules, Task, decide
 from gatar_edge.types import CellState, TaskKind
 
@@ -256,7 +257,7 @@ def test_rounds_fly_worlds_of_their_own_beyond_those_of_data_sets(tmp_path: Path
     tuner.step = 1
     second = [seed for part in tuner._conditions(np.random.default_rng(0)) for seed in part.seeds]
     assert len({*first, *second}) == 12
-    assert min(first) >= FIRST_WORLD
+    assert min(first) >= FIRST_WORLD >= TRAINING_SEEDS + 268 * SHARDS_PER_SEED * WORLDS_PER_SHARD
 
 
 @pytest.mark.parametrize(

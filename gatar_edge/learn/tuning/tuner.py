@@ -37,7 +37,7 @@ from gatar_edge.sim_sitl.world import TRAINING_SEEDS, Team
 
 Array = npt.NDArray[Any]
 
-FIRST_WORLD = TRAINING_SEEDS + 2**40  # beyond those of any data set
+FIRST_WORLD = TRAINING_SEEDS + 2**40  # beyond those of data sets with seeds below 268
 WORLDS_PER_SEED = 2**32
 CLIP = 0.2  # of the ratio of probabilities, either way
 LEAST_RATE = 0.1  # share of the rate that is left at the end
