@@ -30,11 +30,21 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 @click.option("--steps", type=click.IntRange(1), help="Of training each network.  [default: 2500]")
 @click.option("--missions", type=click.IntRange(1, 100_000), help="Of each allocator and team.  [default: 100]")
 @click.option("--quick", is_flag=True, help="Everything small, in under three minutes: the numbers mean nothing.")
-@click.option("--workers", type=click.IntRange(1, 256), default=1, show_default=True, help="Processes of missions.")
+@click.option(
+    "--workers",
+    type=click.IntRange(1, 256),
+    default=1,
+    show_default=True,
+    help="Processes: networks are trained, and missions flown, so many at a time.",
+)
+@click.option(
+    "--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", show_default=True,
+    help="That trains. auto: the GPU where there is one.",
+)  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="All tables on standard output.")
 def command(
     out: Path, runs: Path | None, data: Path | None, maps: Path | None, minutes: float | None, steps: int | None,
-    missions: int | None, quick: bool, workers: int, as_json: bool,
+    missions: int | None, quick: bool, workers: int, device: str, as_json: bool,
 ) -> None:  # fmt: skip
     """Reproduce the paper: train its networks at equal budget, and make its tables and figures beside its numbers.
 
@@ -47,6 +57,7 @@ def command(
       gatar eval paper --quick --out /tmp/paper
     """
     need("gatar eval paper", "torch", "safetensors", "numba", "matplotlib", "onnx", "onnxscript", extra="export")
+    from gatar_edge.learn.ranks import device_of
     from gatar_edge.paper.plan import QUICK, Scale
     from gatar_edge.paper.reproduce import PAGE, Places, reproduce
 
@@ -59,7 +70,8 @@ def command(
         scale = replace(scale, missions=missions, curve_missions=max(1, missions // 2))
     places = Places(out, runs or Path("runs/paper-quick" if quick else "runs/paper"), data, maps)
     with bar("paper", "") as show:
-        results = reproduce(places, scale, workers, show, _told(out, data, maps, minutes, steps, missions, quick))
+        told = _told(out, data, maps, minutes, steps, missions, quick)
+        results = reproduce(places, scale, workers, show, told, device_of(device))
     if as_json:
         click.echo(json.dumps(_tables(results), indent=1))
     else:

@@ -90,6 +90,12 @@ def read(folder: Path) -> list[dict[str, Any]]:
     return lines
 
 
+def share_done(folder: Path) -> float:
+    """How much of a run is behind, by its log: 0..1."""
+    lines = _lines(folder / LOG) if (folder / LOG).is_file() else []
+    return float(lines[-1]["done"]) if lines else 0.0
+
+
 def plot(folder: Path, out: Path) -> None:
     """Draw what a run learned, and its rate, over its steps: SVG, PNG or PDF by the name. Raises ConfigError."""
     from matplotlib.figure import Figure  # without pyplot: no display is looked for

@@ -13,7 +13,7 @@ from gatar_edge.paper.distances import Judged, judge
 from gatar_edge.paper.missions import Flown, fly
 from gatar_edge.paper.page import page
 from gatar_edge.paper.plan import Scale, runs, shipped_models
-from gatar_edge.paper.runs import make_data, train
+from gatar_edge.paper.runs import make_data, train_all
 from gatar_edge.paper.table import Table
 
 Progress = Callable[[float, str], None]
@@ -40,8 +40,12 @@ class Results:
     city: Table | None
 
 
-def reproduce(places: Places, scale: Scale, workers: int, progress: Progress, command: str) -> Results:
+def reproduce(
+    places: Places, scale: Scale, workers: int, progress: Progress, command: str, device: str = "cpu"
+) -> Results:
     """Make what is missing, and write tables, pictures and the page; `command` is told on it.
+
+    `device` trains the networks.
 
     Training, data and missions go on where an earlier call was cut off. Raises ConfigError and WorldError for places
     that cannot be used, before anything long.
@@ -49,10 +53,8 @@ def reproduce(places: Places, scale: Scale, workers: int, progress: Progress, co
     files = map_files(places.maps) if places.maps is not None else []
     places.out.mkdir(parents=True, exist_ok=True)
     data = places.data or make_data(places.runs / "data", scale, workers, _part(progress, 0, TRAINED_FROM))
-    folders = {}
-    for number, run in enumerate(runs()):
-        start, end = (TRAINED_FROM + (JUDGED_FROM - TRAINED_FROM) * n / len(runs()) for n in (number, number + 1))
-        folders[run.name] = train(run, data, places.runs / run.name, scale, _part(progress, start, end))
+    trained = _part(progress, TRAINED_FROM, JUDGED_FROM)
+    folders = train_all(runs(), data, places.runs, scale, workers, device, trained)
     judged = judge(folders, scale, _part(progress, JUDGED_FROM, FLOWN_FROM))
     models = {**shipped_models(), "gatar-paper": f"gatar:{_exported(folders['gatar-paper'])}"}
     flown = fly(models, scale, workers, places.runs / "missions.jsonl", _part(progress, FLOWN_FROM, COVERED_FROM))

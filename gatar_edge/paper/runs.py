@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from multiprocessing import get_context
 from pathlib import Path
 
-from gatar_edge.learn.dataset import DataOptions, generate
+from gatar_edge.learn.curves import share_done
+from gatar_edge.learn.dataset import DataOptions, end_with_parent, generate
 from gatar_edge.learn.train import Trainer, TrainOptions
 from gatar_edge.paper.plan import Run, Scale
 
@@ -16,6 +19,7 @@ TEAMS = ("6A6G", "6A6G", "3A3G", "6A6G", "1A1G", "6A6G", "2A2G", "4A2G")
 R_COMMS = (6.0, 6.0, 6.0, 6.0, 3.0, 5.0, 8.0, 0.0, 10.0)
 R_SENSES = (4.0, 4.0, 3.0, 5.0)
 WARM_UP = 200  # steps, or a fifth of a short run
+LOOK_EVERY_S = 1.0  # at how far the networks are
 
 
 def make_data(folder: Path, scale: Scale, workers: int, progress: Progress) -> Path:
@@ -27,18 +31,35 @@ def make_data(folder: Path, scale: Scale, workers: int, progress: Progress) -> P
     return folder
 
 
-def train(run: Run, data: Path, folder: Path, scale: Scale, progress: Progress) -> Path:
-    """The finished run under `folder`, trained to the end if it is not. Raises ConfigError where another run is there.
+def train_all(
+    runs: Sequence[Run], data: Path, folder: Path, scale: Scale, workers: int, device: str, progress: Progress
+) -> dict[str, Path]:
+    """The finished runs under `folder`, by name; those that are not are trained to the end, so many at a time.
 
-    One thread: more of them wait for each other on networks as small as these.
+    `device` as `ranks.device_of` gives it. Raises ConfigError where another run is in the place of one.
     """
+    places = {run.name: folder / run.name for run in runs}
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=end_with_parent) as pool:
+        left = {pool.submit(_train, run, data, places[run.name], scale, device) for run in runs}
+        try:
+            while left:
+                ended, left = wait(left, timeout=LOOK_EVERY_S, return_when=FIRST_COMPLETED)
+                for job in ended:
+                    job.result()
+                share = sum(share_done(place) for place in places.values()) / len(places)
+                progress(share, f"{len(runs) - len(left)} of {len(runs)} networks trained")
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+    return places
+
+
+def _train(run: Run, data: Path, folder: Path, scale: Scale, device: str) -> None:
+    """One thread: more of them wait for each other on networks as small as these."""
     options = TrainOptions(
         run.network, str(data), minutes=scale.minutes, steps=scale.steps, batch=scale.batch, threads=1,
         warm_up=min(WARM_UP, 1 + scale.steps // 5) if scale.steps else WARM_UP,
         settings={**run.settings, **scale.sizes.get(run.network, {})},
     )  # fmt: skip
-    trainer = Trainer(options, folder)
-    if trainer.done >= 1 and (folder / "model.json").is_file():
-        return folder
-    trainer.run(lambda now: progress(now.done, f"{run.name}: step {now.step}, loss {now.loss:.3f}"))
-    return folder
+    trainer = Trainer(options, folder, device)
+    if trainer.done < 1 or not (folder / "model.json").is_file():
+        trainer.run(lambda now: None)
