@@ -10,6 +10,7 @@ Seeds of worlds are disjoint by purpose, so that nothing is tuned or trained on 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -144,9 +145,11 @@ def reachable_cells(world: World, robot_id: int) -> BoolGrid:
     return reached
 
 
-def reachable_targets(world: World) -> Cells:
-    """Targets that at least one robot of the team can reach from its start: int16 [m, 2]."""
+def reachable_targets(world: World, by: Iterable[int] | None = None) -> Cells:
+    """Targets that at least one robot of the team, or of those with the ids `by`, can reach from its start: int16
+    [m, 2].
+    """
     reached = np.zeros(world.shape, dtype=np.bool_)
-    for robot_id in world.team.ids:
+    for robot_id in world.team.ids if by is None else by:
         reached |= reachable_cells(world, robot_id)
     return world.targets[reached[world.targets[:, 0], world.targets[:, 1]]]

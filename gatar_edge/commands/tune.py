@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from gatar_edge.commands._learn import bar, need
 from gatar_edge.commands._options import FiniteRange
+
+if TYPE_CHECKING:
+    from gatar_edge.learn.tuning.tuner import Progress, Tuner
 
 
 @click.command("tune")
@@ -49,6 +52,14 @@ from gatar_edge.commands._options import FiniteRange
     help="Of messages; as --r-comm.",
 )
 @click.option(
+    "--kills",
+    multiple=True,
+    type=click.IntRange(0, 63),
+    default=(0,),
+    show_default=True,
+    help="Robots that die in the first steps, at most half a team; as --r-comm.",
+)
+@click.option(
     "--show", "shown", multiple=True, type=click.Choice(["tasks", "ages"]),
     help="What the network could not see before: what robots are doing, or how old their news is.",
 )  # fmt: skip
@@ -68,20 +79,33 @@ def command(run: Path, out: Path, **options: Any) -> None:
     sees everything judges each step. `excess` is the steps that they took, as a ratio to tours by one who knows all. A
     run that was cut off or killed goes on with the round that it was in when the same command is given again.
 
+    Under torchrun every rank flies its share of the missions, and all learn of all of them; rank 0 writes the run
+    folder, which all ranks must see.
+
     \b
     Example:
       gatar tune runs/field --minutes 30 --out runs/tuned
       gatar tune runs/field --team 3A3G --size 15 --size 24 --rounds 60 --threads 1 --out runs/tuned
+      torchrun --standalone --nproc-per-node 8 -m gatar_edge tune runs/field --rounds 60 --out runs/tuned
       gatar export runs/tuned -o tuned.onnx
     """
     need("gatar tune", "torch", "safetensors", "numba")
-    from gatar_edge.learn.tuning.tuner import Progress, TuneOptions, Tuner
+    from gatar_edge.learn.ranks import joined
+    from gatar_edge.learn.tuning.tuner import TuneOptions, Tuner
 
-    tuner = Tuner(TuneOptions(str(run), **options), out)
+    with joined("cpu") as ranks:
+        tuner = Tuner(TuneOptions(str(run), **options, ranks=ranks.count), out, ranks)
+        if ranks.rank > 0:
+            tuner.run(lambda progress: None)
+            return
+        weights = _run(tuner)
+    click.echo(f"{tuner.step} rounds: {weights}")
+
+
+def _run(tuner: Tuner) -> Path:
     with bar("tune", "") as show:
 
         def report(progress: Progress) -> None:
             show(progress.done, f"round {progress.step}, excess {progress.excess:.3f}, change {progress.change:.4f}")
 
-        weights = tuner.run(report)
-    click.echo(f"{tuner.step} rounds: {weights}")
+        return tuner.run(report)

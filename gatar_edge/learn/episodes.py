@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gatar_edge.learn.jit import compiled
-from gatar_edge.learn.kernels import hop_counts, pack
+from gatar_edge.learn.kernels import in_range, over_relays, pack
 from gatar_edge.learn.labels import label_by_expert, label_by_plans, record
 from gatar_edge.learn.memory import REMEMBER, hear, keep_task, reckon, share
 from gatar_edge.learn.moves import choose_goals, look, move
@@ -61,6 +61,7 @@ def episode(
     beliefs = np.zeros((count, width, height), dtype=np.uint8)
     hops = np.empty((count, count), dtype=np.int64)
     ears = np.empty((count, count), dtype=np.int64)
+    dead = np.zeros(count, dtype=np.bool_)
     heard = np.full((count, count), -1, dtype=np.int64)
     last = np.full((count, count, 4), -1, dtype=np.int64)
     goals = np.empty((count, 2), dtype=np.int64)
@@ -69,7 +70,7 @@ def episode(
     remember = REMEMBER if teacher == FORESIGHT else 0
     for step in range(packed.shape[0]):
         take_in(
-            obstacles, here, kinds, speeds, cells, tasks, r_sense, r_comm, hop_limit, loss, remember, step,
+            obstacles, here, kinds, speeds, cells, dead, tasks, r_sense, r_comm, hop_limit, loss, remember, step,
             own, left, hops, ears, heard, last, beliefs, packed[step], known[step],
         )  # fmt: skip
         if teacher == GREEDY:
@@ -90,18 +91,22 @@ def episode(
 
 @compiled
 def take_in(
-    obstacles: Array, here: Array, kinds: Array, speeds: Array, cells: Array, tasks: Array, r_sense: float,
-    r_comm: float, hop_limit: int, loss: float, remember: int, step: int,
+    obstacles: Array, here: Array, kinds: Array, speeds: Array, cells: Array, dead: Array, tasks: Array,
+    r_sense: float, r_comm: float, hop_limit: int, loss: float, remember: int, step: int,
     own: Array, left: Array, hops: Array, ears: Array, heard: Array, last: Array, beliefs: Array, packed: Array,
     known: Array,
 ) -> None:  # fmt: skip
-    """One step of a team up to its decision: everybody looks, tells and hears.
+    """One step of a team up to its decision: everybody looks, tells and hears, but the `dead` [N] say and hear nothing.
 
     Changed are `own` beliefs [N, W, H], targets `left` [W, H], and what was `heard` and `last` told (`memory.hear`);
     filled are `hops` and `ears` [N, N], merged `beliefs` and the same `packed`, and `known` (`memory.reckon`).
     """
     look(obstacles, here, kinds, cells, r_sense, own, left)
-    hop_counts(cells, r_comm, hop_limit, hops)
+    in_range(cells, r_comm, hops)
+    for n in range(len(kinds)):
+        if dead[n]:
+            hops[n], hops[:, n], hops[n, n] = -1, -1, 0
+    over_relays(hop_limit, hops)
     hear(hops, loss, cells, tasks, step, ears, heard, last)
     share(own, ears, beliefs)
     own[:] = beliefs

@@ -150,6 +150,13 @@ def observe(belief: Array, obstacles: Array, targets: Array, seen: Array, x: int
 @compiled
 def hop_counts(cells: Array, r_comm: float, hop_limit: int, out: Array) -> None:
     """Hops in the radius graph into `out` [N, N]: 0 itself, -1 beyond `hop_limit`; `cells` [N, 2]."""
+    in_range(cells, r_comm, out)
+    over_relays(hop_limit, out)
+
+
+@compiled
+def in_range(cells: Array, r_comm: float, out: Array) -> None:
+    """The radius graph into `out` [N, N]: 0 itself, 1 within `r_comm`, -1 beyond; `cells` [N, 2]."""
     count = cells.shape[0]
     out[:] = -1
     for n in range(count):
@@ -159,6 +166,12 @@ def hop_counts(cells: Array, r_comm: float, hop_limit: int, out: Array) -> None:
             if dx * dx + dy * dy <= r_comm * r_comm:
                 out[n, m] = 1
         out[n, n] = 0
+
+
+@compiled
+def over_relays(hop_limit: int, out: Array) -> None:
+    """Add to the graph `out` [N, N] of those in range how many hops it is to others, up to `hop_limit`."""
+    count = out.shape[0]
     for hop in range(2, hop_limit + 1):
         for n in range(count):
             for m in range(count):

@@ -7,10 +7,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+import numpy as np
+import numpy.typing as npt
 import torch
 from torch import distributed, nn
 
 from gatar_edge.errors import ConfigError
+
+Array = npt.NDArray[np.float64]
 
 DEVICES = ("auto", "cpu", "cuda")
 PRECISIONS = ("auto", "float32", "bf16")
@@ -31,6 +35,26 @@ class Ranks:
         shared = torch.tensor([value], dtype=torch.float64, device=self.device)
         distributed.broadcast(shared, src=0)
         return float(shared)
+
+    def sum(self, values: Array) -> Array:
+        """Of all ranks' values, on every rank."""
+        if self.count == 1:
+            return values
+        total = torch.from_numpy(values.copy())
+        distributed.all_reduce(total)
+        return total.numpy()
+
+    def add_gradients(self, network: nn.Module) -> None:
+        """Make every gradient the sum of all ranks'; a parameter without one counts as 0 where another rank has one."""
+        if self.count == 1:
+            return
+        parameters = list(network.parameters())
+        flat = torch.cat([(torch.zeros_like(p) if p.grad is None else p.grad).flatten() for p in parameters])
+        distributed.all_reduce(flat)
+        first = 0
+        for parameter in parameters:
+            parameter.grad = flat[first : first + parameter.numel()].view_as(parameter)
+            first += parameter.numel()
 
     def check_alike(self, network: nn.Module) -> None:
         """Raises ConfigError where the ranks do not hold the same weights, to the bit."""

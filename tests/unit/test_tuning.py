@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -30,11 +33,11 @@ from gatar_edge.learn.evaluate import view_at
 from gatar_edge.learn.memory import NOBODY
 from gatar_edge.learn.train import Trainer, load_model, tensors_of
 from gatar_edge.learn.tuning.critic import Critic, advantages
-from gatar_edge.learn.tuning.missions import Conditions, Missions
+from gatar_edge.learn.tuning.missions import NEVER, Conditions, Missions
 from gatar_edge.learn.tuning.options import _held, goals_of, options_of
 from gatar_edge.learn.tuning.rollout import fly, log_probabilities
 from gatar_edge.learn.tuning.standing import STANDING
-from gatar_edge.learn.tuning.tuner import FIRST_WORLD, TuneOptions, Tuner
+from gatar_edge.learn.tuning.tuner import FIRST_WORLD, TuneOptions, Tuner, _deaths
 from gatar_edge.learn.views import batch_of, load_groups
 from gatar_edge.sim_sitl.world import TRAINING_SEEDS, Team
 from gatar_edge.tasks import Rules, Task, decide
@@ -58,7 +61,11 @@ def tune_options(**changes: object) -> TuneOptions:
 
 def conditions(count: int = 4, team: str = "2A1G", loss: float = 0.0) -> Conditions:
     one = np.ones(count)
-    return Conditions(Team.parse(team), 15, range(count), 6 * one, 4 * one, loss * one, np.ones((count, 2)))
+    robots = len(Team.parse(team).kinds)
+    return Conditions(
+        Team.parse(team), 15, range(count), 6 * one, 4 * one, loss * one, np.ones((count, 2)),
+        np.full((count, robots), NEVER),
+    )  # fmt: skip
 
 
 def flown(seed: int = 3):
@@ -95,6 +102,59 @@ def test_a_robot_knows_of_the_others_goals_what_they_told_it_last() -> None:
         goals = rng.integers(0, 15, (3, 2))
         missions.act(moment.active, goals[None])
     assert stale > 5  # else nobody was out of range
+
+
+def test_a_dead_robot_says_and_hears_nothing_and_stands_still() -> None:
+    deaths = np.array([[NEVER, 4, NEVER]])
+    missions = Missions(replace(conditions(1), r_comm=np.full(1, 100.0), deaths=deaths), luck=1)
+    rng = np.random.default_rng(1)
+    for step in range(10):
+        moment = missions.moment()
+        dead = step >= 4
+        assert moment.alive.tolist() == [[True, not dead, True]]
+        ages = moment.group.known[0, :, :, 2]
+        assert (ages[0, 2], ages[2, 0]) == (0, 0)
+        assert ages[0, 1] == ages[1, 0] == ages[2, 1] == ((step - 3 if step <= 6 else NOBODY) if dead else 0)
+        before = missions._cells.copy()
+        missions.act(moment.active, rng.integers(0, 15, (1, 3, 2)))
+        stood = (missions._cells == before).all(axis=-1)[0]
+        assert stood[1] or not dead
+        assert not stood[[0, 2]].all()
+
+
+def test_nobody_waits_for_targets_that_only_the_dead_could_reach() -> None:
+    walled_off = replace(conditions(2, "1A1G"), seeds=(27, 28))  # one target each that no UGV can reach
+    alive, lost = (Missions(replace(walled_off, deaths=np.array([[death, NEVER]] * 2)), luck=1) for death in (NEVER, 1))
+    assert (alive._left.sum(axis=(1, 2)) - lost._left.sum(axis=(1, 2))).tolist() == [1, 1]
+    assert (lost._left <= alive._left).all()
+
+
+def test_no_choice_of_a_dead_robot_teaches_anything() -> None:
+    network, _ = load_model(ahead_run())
+    deaths = np.full((4, 3), NEVER)
+    deaths[:, 1] = 2
+    rollout = fly(network, Critic(), replace(conditions(), deaths=deaths), 0.5, 3)
+    first = 2 * 4 * 3  # nobody's mission is over in two steps
+    robot = np.arange(first, rollout.group.views) % 3
+    assert not rollout.choices.open[first:][robot == 1].any()
+    assert rollout.choices.open[first:][robot != 1].any()
+    assert (rollout.choices.goals[first:][robot == 1] == -1).all()
+
+
+def test_as_many_robots_die_as_were_asked_for_but_half_a_team_lives() -> None:
+    deaths = _deaths(5, np.array([0, 1, 2, 5]), np.random.default_rng(0))
+    assert (deaths < NEVER).sum(axis=1).tolist() == [0, 1, 2, 2]
+    assert set(deaths[deaths < NEVER].tolist()) <= set(range(1, 9))
+    many = _deaths(4, np.full(200, 1), np.random.default_rng(0))
+    assert set(np.argwhere(many < NEVER)[:, 1].tolist()) == {0, 1, 2, 3}
+
+
+def test_ranks_fly_all_missions_of_a_round_between_them() -> None:
+    whole = replace(conditions(7), loss=np.linspace(0, 0.6, 7))
+    parts = [whole.part(rank, 3) for rank in range(3)]
+    assert sorted(seed for part in parts for seed in part.seeds) == list(whole.seeds)
+    for part in parts:
+        assert [whole.seeds[round(10 * loss)] for loss in part.loss] == list(part.seeds)
 
 
 def test_the_same_seed_flies_the_same_missions_and_another_one_does_not() -> None:
@@ -269,6 +329,9 @@ def test_rounds_fly_worlds_of_their_own_beyond_those_of_data_sets(tmp_path: Path
         ({"missions": 1}, "too few"),
         ({"sizes": (3,)}, "size 3"),
         ({"shown": ("maps",)}, "maps"),
+        ({"kills": (-1,)}, "killed"),
+        ({"ranks": 4}, "4 ranks"),
+        ({"ranks": 2}, "started with 1"),
     ],
 )
 def test_options_that_cannot_be_used_are_named(tmp_path: Path, changes: dict[str, object], said: str) -> None:
@@ -285,6 +348,23 @@ def test_a_folder_of_another_run_is_left_alone(tmp_path: Path) -> None:
     Tuner(tune_options(), tmp_path)
     with pytest.raises(ConfigError, match="another run"):
         Tuner(tune_options(rate=1e-3), tmp_path)
+
+
+@pytest.mark.slow
+def test_two_ranks_tune_one_network(tmp_path: Path) -> None:
+    """They end with an error where their weights are not the same (`Ranks.check_alike`)."""
+    arguments = ["--team", "1A1G", "--missions", "4", "--rounds", "2", "--kills", "1"]
+    for name, ranks in (("one", 1), ("two", 2)):
+        line = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", str(ranks)]
+        line += ["-m", "gatar_edge", "tune", str(ahead_run()), *arguments, "--out", str(tmp_path / name)]
+        done = subprocess.run(line, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr[-3000:]
+    one, two = (load_file(tmp_path / name / "model.safetensors") for name in ("one", "two"))
+    assert all(torch.isfinite(weights).all() for weights in two.values())
+    assert any(not torch.equal(weights, one[name]) for name, weights in two.items())
+    first = [json.loads((tmp_path / name / "log.jsonl").read_text().splitlines()[0]) for name in ("one", "two")]
+    assert len((tmp_path / "two" / "log.jsonl").read_text().splitlines()) == 2
+    assert first[0]["choices"] == pytest.approx(first[1]["choices"], rel=0.5)  # the same worlds, all of them
 
 
 @pytest.mark.slow

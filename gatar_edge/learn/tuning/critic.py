@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gatar_edge.learn.ranks import ALONE, Ranks
 from gatar_edge.learn.tuning.standing import STANDING
 
 Array = npt.NDArray[Any]
@@ -22,13 +23,13 @@ class Critic:
     def __init__(self, sums: dict[str, Array] | None = None) -> None:
         self.sums = dict(sums or {})
 
-    def estimate(self, kind: str, standing: Array, took: Array) -> Array:
+    def estimate(self, kind: str, standing: Array, took: Array, ranks: Ranks = ALONE) -> Array:
         """Steps still to come by earlier missions of this kind, or by these where there are none; then learn of these.
 
-        `standing` [S, STANDING] and the steps `took` [S] from there to the end.
+        `standing` [S, STANDING] and the steps `took` [S] from there to the end; all `ranks` learn of all ranks' rows.
         """
         rows = np.column_stack([standing, took])
-        sums = rows.T @ rows
+        sums = ranks.sum(rows.T @ rows)
         line = _line(self.sums.get(kind, sums))
         self.sums[kind] = self.sums.get(kind, 0) * FORGET + sums
         estimates: Array = standing @ line

@@ -13,9 +13,10 @@ from torch import nn
 from gatar_edge.allocators.base import NO_TARGET
 from gatar_edge.features import MAX_CANDIDATES
 from gatar_edge.learn.dataset import LONGEST_EPISODE
+from gatar_edge.learn.ranks import ALONE, Ranks
 from gatar_edge.learn.train import tensors_of
 from gatar_edge.learn.tuning.critic import Critic, advantages
-from gatar_edge.learn.tuning.missions import Conditions, Missions
+from gatar_edge.learn.tuning.missions import Conditions, Missions, Moment
 from gatar_edge.learn.tuning.options import Options, goals_of, options_of
 from gatar_edge.learn.views import Batch, Group, batch_of
 
@@ -63,8 +64,13 @@ def log_probabilities(scores: torch.Tensor, options: Options, temperature: float
     return (likely / temperature).masked_fill(~allowed, hidden).log_softmax(dim=-1)
 
 
-def fly(network: nn.Module, critic: Critic, conditions: Conditions, temperature: float, seed: int) -> Rollout:
-    """Fly all missions; the network, in evaluation mode, decides for each robot on its own view. `seed` below 2^32."""
+def fly(
+    network: nn.Module, critic: Critic, conditions: Conditions, temperature: float, seed: int, ranks: Ranks = ALONE
+) -> Rollout:
+    """Fly all missions; the network, in evaluation mode, decides for each robot on its own view. `seed` below 2^32.
+
+    Other `ranks` fly other missions of the same kind: what a step was worth is measured by all of them.
+    """
     missions = Missions(conditions, seed)
     rng = np.random.default_rng(seed)
     count = len(conditions.seeds)
@@ -73,7 +79,7 @@ def fly(network: nn.Module, critic: Critic, conditions: Conditions, temperature:
     standings, active = [], []
     while not missions.over.all() and missions.step < LONGEST_EPISODE:
         moment = missions.moment()
-        choices = _decide(network, moment.group, temperature, rng)
+        choices = _decide(network, moment, temperature, rng)
         missions.act(moment.active, choices.goals.reshape(len(moment.active), missions.robots, 2))
         groups.append(moment.group)
         chosen.append(choices)
@@ -86,10 +92,10 @@ def fly(network: nn.Module, critic: Critic, conditions: Conditions, temperature:
     to_come = took - np.arange(len(active))[:, None]
     estimates = np.zeros(alive.shape)
     estimates[alive] = critic.estimate(
-        f"{conditions.team}-{conditions.size}", np.concatenate(standings), to_come[alive]
+        f"{conditions.team}-{conditions.size}", np.concatenate(standings), to_come[alive], ranks
     )
     saved = advantages(estimates, alive, ~missions.over)
-    worth = np.clip(saved / max(float(saved[alive].std()), 1e-6), -LARGEST_WORTH, LARGEST_WORTH)
+    worth = np.clip(saved / max(_deviation(saved[alive], ranks), 1e-6), -LARGEST_WORTH, LARGEST_WORTH)
     variance = float(np.var(to_come[alive]))
     return Rollout(
         group=_joined(groups),
@@ -101,16 +107,24 @@ def fly(network: nn.Module, critic: Critic, conditions: Conditions, temperature:
     )
 
 
+def _deviation(values: Array, ranks: Ranks) -> float:
+    """The standard deviation of all ranks' values."""
+    count, total, squares = ranks.sum(np.array([len(values), values.sum(), (values**2).sum()], dtype=np.float64))
+    return float(np.sqrt(max(0.0, squares / count - (total / count) ** 2)))
+
+
 def _fields(choices: Choices) -> tuple[Array, ...]:
     return choices.choice, choices.likelihood, choices.open, choices.allowed, choices.habit, choices.goals
 
 
-def _decide(network: nn.Module, group: Group, temperature: float, rng: np.random.Generator) -> Choices:
-    parts = []
+def _decide(network: nn.Module, moment: Moment, temperature: float, rng: np.random.Generator) -> Choices:
+    """For every robot; the dead have nothing to choose."""
+    group, alive, parts = moment.group, moment.alive.reshape(-1), []
     for first in range(0, group.views, CHUNK):
         batch = batch_of(group, np.arange(first, min(group.views, first + CHUNK)), with_windows=False)
         parts.append(_fields(_drawn(network, batch, temperature, rng)))
-    return Choices(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    choices = Choices(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    return replace(choices, open=choices.open & alive, goals=np.where(alive[:, None], choices.goals, -1))
 
 
 def _drawn(network: nn.Module, batch: Batch, temperature: float, rng: np.random.Generator) -> Choices:

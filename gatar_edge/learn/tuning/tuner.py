@@ -3,7 +3,8 @@
 Proximal policy optimisation (Schulman et al. 2017) with a critic that sees everything: each round flies new missions
 with choices drawn from the network's scores, then takes a few steps towards the choices of steps that were better than
 expected. A run folder is that of `learn.train`, with the curves in `log.jsonl`; a run that was cut off goes on with the
-round that it was in, and gives the weights of an uninterrupted one.
+round that it was in, and gives the weights of an uninterrupted one. Of several ranks under torchrun each flies its
+share of every round's missions, and all learn of all of them.
 """
 
 from __future__ import annotations
@@ -28,9 +29,10 @@ from gatar_edge.learn.curves import Curves
 from gatar_edge.learn.dataset import SPEEDS, DataOptions
 from gatar_edge.learn.networks import build
 from gatar_edge.learn.networks.gatar import Gatar
+from gatar_edge.learn.ranks import ALONE, Ranks
 from gatar_edge.learn.train import load_model, tensors_of
 from gatar_edge.learn.tuning.critic import Critic
-from gatar_edge.learn.tuning.missions import Conditions
+from gatar_edge.learn.tuning.missions import NEVER, Conditions
 from gatar_edge.learn.tuning.rollout import Rollout, fly, log_probabilities
 from gatar_edge.learn.views import batch_of
 from gatar_edge.sim_sitl.world import TRAINING_SEEDS, Team
@@ -42,6 +44,7 @@ WORLDS_PER_SEED = 2**32
 CLIP = 0.2  # of the ratio of probabilities, either way
 LEAST_RATE = 0.1  # share of the rate that is left at the end
 WARM_UP = 3  # rounds
+DIE_BY = 8  # steps, for robots that are to die: as in `campaign`
 CHUNK = 256  # views evaluated together
 SHOWN = ("tasks", "ages")  # fields of the network's config that hide an input
 
@@ -56,6 +59,7 @@ class TuneOptions:
     r_comms: tuple[float, ...] = (6.0,)  # drawn per mission, as the next two
     r_senses: tuple[float, ...] = (4.0,)
     losses: tuple[float, ...] = (0.0,)
+    kills: tuple[int, ...] = (0,)  # robots that die in the first steps; half a team lives
     minutes: float = 0.0
     rounds: int = 0
     missions: int = 112  # in each round
@@ -67,14 +71,18 @@ class TuneOptions:
     seed: int = 0
     threads: int = 1  # of torch
     shown: tuple[str, ...] = ()  # of `SHOWN`: inputs that the network did not see before
+    ranks: int = 1
 
     def checked(self) -> TuneOptions:
         """Raises ConfigError where a value cannot be used."""
         DataOptions(self.teams, self.sizes, self.r_comms, 1, 0, self.r_senses, losses=self.losses).checked()
         if (self.minutes > 0) == (self.rounds > 0):
             raise ConfigError("give either minutes or rounds, and more than 0")
-        if self.missions < len(self.teams):
-            raise ConfigError(f"{self.missions} missions a round are too few for {len(self.teams)} teams")
+        if self.missions < len(self.teams) * self.ranks:
+            ranks = f" and {self.ranks} ranks" if self.ranks > 1 else ""
+            raise ConfigError(f"{self.missions} missions a round are too few for {len(self.teams)} teams{ranks}")
+        if not self.kills or min(self.kills) < 0:
+            raise ConfigError("nobody can be killed less than 0 times")
         if not set(self.shown) <= set(SHOWN):
             raise ConfigError(f"cannot show {', '.join(self.shown)}: only {' and '.join(SHOWN)}")
         return self
@@ -97,9 +105,12 @@ class Progress:
 class Tuner:
     """One run: options, network, optimizer, critic, and where it stands."""
 
-    def __init__(self, options: TuneOptions, folder: Path) -> None:
+    def __init__(self, options: TuneOptions, folder: Path, ranks: Ranks = ALONE) -> None:
         self.options = options.checked()
+        if options.ranks != ranks.count:
+            raise ConfigError(f"a run of {options.ranks} ranks was started with {ranks.count}")
         self.folder = folder
+        self.ranks = ranks
         torch.set_num_threads(options.threads)
         torch.use_deterministic_algorithms(True)
         self.network, self.description = _start(options)
@@ -107,7 +118,8 @@ class Tuner:
         self.critic = Critic()
         self.step, self.seconds = 0, 0.0
         described = {name: value for name, value in asdict(options).items() if name != "run"}
-        claim(folder, {"options": described, "weights_sha256": _digest(Path(options.run))})
+        wanted = {"options": described, "weights_sha256": _digest(Path(options.run))}
+        claim(folder, wanted, writes=ranks.rank == 0)
         saved = load_checkpoint(folder, self.network, self.optimizer, "cpu")
         if saved is not None:
             self.step, self.seconds = int(saved[0]["step"]), float(saved[0]["seconds"])
@@ -121,7 +133,7 @@ class Tuner:
 
     def run(self, report: Callable[[Progress], None]) -> Path:
         """Tune to the end; returns the path of the finished weights."""
-        with Curves(self.folder, self.step, every=1, means=()) as curves:
+        with Curves(self.folder, self.step, self.ranks.rank == 0, every=1, means=()) as curves:
             while self.done < 1:
                 started = time.monotonic()
                 progress = self._round(started)
@@ -131,22 +143,26 @@ class Tuner:
         return self._finish()
 
     def _round(self, started: float) -> Progress:
-        rng = np.random.default_rng([self.options.seed, self.step])
+        options, ranks = self.options, self.ranks
+        conditions = list(self._conditions(np.random.default_rng([options.seed, self.step])))
+        rng = np.random.default_rng([options.seed, self.step, ranks.rank])
         self.network.eval()
         flown = [
-            fly(self.network, self.critic, conditions, self.options.temperature, int(rng.integers(2**32)))
-            for conditions in self._conditions(rng)
+            fly(self.network, self.critic, part, options.temperature, int(rng.integers(2**32)), ranks)
+            for part in (whole.part(ranks.rank, ranks.count) for whole in conditions)
         ]
-        rate = self.options.rate * min(1.0, (self.step + 1) / WARM_UP)
+        rate = options.rate * min(1.0, (self.step + 1) / WARM_UP)
         rate *= LEAST_RATE + (1 - LEAST_RATE) * (1 - min(1.0, self.done))
         change = self._learn(flown, rate, rng)
         self.step += 1
-        self.seconds += time.monotonic() - started
+        self.seconds = ranks.of_first(self.seconds + time.monotonic() - started)
+        counts = [(r.steps.sum(), r.least.sum(), r.explained, r.choices.open.sum()) for r in flown]
+        steps, least, explained, choices = ranks.sum(np.array(counts, dtype=np.float64)).sum(axis=0)
         return Progress(
             step=self.step,
-            excess=float(np.sum([r.steps.sum() for r in flown]) / np.sum([r.least.sum() for r in flown])),
-            explained=float(np.mean([r.explained for r in flown])),
-            choices=sum(int(r.choices.open.sum()) for r in flown),
+            excess=float(steps / least),
+            explained=float(explained / (len(flown) * ranks.count)),
+            choices=int(choices),
             change=change,
             done=min(1.0, self.done),
             seconds=self.seconds,
@@ -161,14 +177,16 @@ class Tuner:
         for index, name in enumerate(dict.fromkeys(options.teams)):
             count = options.missions * options.teams.count(name) // len(options.teams)
             first = worlds + index * options.missions // len(options.teams)
+            team = Team.parse(name)
             yield Conditions(
-                team=Team.parse(name),
+                team=team,
                 size=size,
                 seeds=range(first, first + count),
                 r_comm=rng.choice(np.array(options.r_comms), count),
                 r_sense=rng.choice(np.array(options.r_senses), count),
                 loss=rng.choice(np.array(options.losses), count),
                 speeds=np.array(SPEEDS)[rng.integers(len(SPEEDS), size=count)],
+                deaths=_deaths(len(team.kinds), rng.choice(np.array(options.kills), count), rng),
             )
 
     def _learn(self, flown: list[Rollout], rate: float, rng: np.random.Generator) -> float:
@@ -176,8 +194,8 @@ class Tuner:
         for group in self.optimizer.param_groups:
             group["lr"] = rate
         self.network.train()
-        total = sum(int(rollout.choices.open.sum()) for rollout in flown)
-        batches = max(1, total // self.options.batch)
+        total = self.ranks.sum(np.array([sum(float(rollout.choices.open.sum()) for rollout in flown)]))
+        batches = max(1, int(total[0]) // self.options.batch)
         changes: list[float] = []
         for _ in range(self.options.epochs):
             shares = [np.array_split(rng.permutation(np.flatnonzero(r.choices.open)), batches) for r in flown]
@@ -188,9 +206,11 @@ class Tuner:
                         loss, change = self._loss(rollout, np.sort(indices[first : first + CHUNK]))
                         (loss / self.options.batch).backward()  # type: ignore[no-untyped-call]
                         changes += change
+                self.ranks.add_gradients(self.network)
                 nn.utils.clip_grad_norm_(self.network.parameters(), self.options.clip)
                 self.optimizer.step()
-        return float(np.mean(changes)) if changes else 0.0
+        changed, count = self.ranks.sum(np.array([sum(changes), len(changes)], dtype=np.float64))
+        return float(changed / max(1.0, count))
 
     def _loss(self, rollout: Rollout, indices: Array) -> tuple[Tensor, list[float]]:
         """The clipped objective's negative, added up over some choices, and by how much each became less likely."""
@@ -206,12 +226,17 @@ class Tuner:
         return -torch.minimum(ratio * worth, clipped * worth).sum(), (-gain.detach()).tolist()
 
     def _save(self) -> None:
+        self.ranks.check_alike(self.network)
+        if self.ranks.rank > 0:
+            return
         note = {"step": self.step, "seconds": self.seconds}
         sums = {kind: torch.from_numpy(value) for kind, value in self.critic.sums.items()}
         save_checkpoint(self.folder, self.network, self.optimizer, note, sums)
 
     def _finish(self) -> Path:
         path = self.folder / "model.safetensors"
+        if self.ranks.rank > 0:
+            return path
         save_file(self.network.state_dict(), path)
         tuned = {**asdict(self.options), "rounds": self.step}
         tuned.pop("run")  # a path of the machine that tuned
@@ -230,6 +255,14 @@ def _start(options: TuneOptions) -> tuple[Gatar, dict[str, Any]]:
     assert isinstance(seeing, Gatar)
     seeing.shows_more_than(network)
     return seeing, {**description, "settings": settings}
+
+
+def _deaths(robots: int, kills: Array, rng: np.random.Generator) -> Array:
+    """When the robots of each mission die, of whom `kills` [B] do, but half a team at most: int64 [B, N]."""
+    deaths = rng.integers(1, DIE_BY + 1, size=(len(kills), robots))
+    turns = rng.permuted(np.tile(np.arange(robots), (len(kills), 1)), axis=1)
+    deaths[turns >= np.minimum(kills, robots // 2)[:, None]] = NEVER
+    return deaths
 
 
 def _digest(run: Path) -> str:
