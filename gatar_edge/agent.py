@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gatar_edge.absent import REMEMBER_S, out_of_range
+from gatar_edge.absent import REMEMBER_S, out_of_range, patience_s
 from gatar_edge.allocators.base import Allocation, Allocator, Negotiator
 from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.belief import merged, nothing_known, observed, same_sight, window_at, window_origin
@@ -240,7 +240,8 @@ class Agent:
         others = taking_part(self.neighbors.fresh(now_ns, observation.cell), config.grid, now_ns)
         near = [robot for robot in (ego, *others) if math.dist(robot.cell, ego.cell) <= config.r_comm]
         silent = remembered(self.neighbors.silent(now_ns, int(REMEMBER_S * NS_PER_S)), config.grid, now_ns)
-        absent = out_of_range(silent[: config.max_neighbors - len(others)], near, len(others), config.r_comm)
+        for_s = patience_s(len(others), config.grid.width * config.grid.height, config.r_comm)
+        absent = out_of_range(silent[: config.max_neighbors - len(others)], near, for_s, config.r_comm)
         view = build_view(
             now_ns, ego, others, self.belief, config.r_comm, config.hop_limit, config.max_candidates, absent
         )

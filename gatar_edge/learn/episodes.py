@@ -112,4 +112,4 @@ def take_in(
     own[:] = beliefs
     for n in range(len(kinds)):
         pack(beliefs[n], packed[n])
-        reckon(n, cells, speeds, ears, r_comm, remember, step, heard, last, known[n])
+        reckon(n, cells, speeds, ears, r_comm, obstacles.size, remember, step, heard, last, known[n])

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gatar_edge.absent import REMEMBER_S
+from gatar_edge.absent import PATIENCE_S, REMEMBER_S
 from gatar_edge.learn.jit import compiled
 from gatar_edge.learn.kernels import TARGET
 
@@ -55,19 +55,20 @@ def hear(
 
 @compiled
 def reckon(
-    n: int, cells: Array, speeds: Array, ears: Array, r_comm: float, remember: int, step: int, heard: Array,
-    last: Array, out: Array,
+    n: int, cells: Array, speeds: Array, ears: Array, r_comm: float, area: int, remember: int, step: int,
+    heard: Array, last: Array, out: Array,
 ) -> None:  # fmt: skip
     """With whom robot `n` reckons, and where, into `out` uint8 [N, 3]: cell and age in steps, `NOBODY` where not.
 
-    As the agent does: what is fresh counts where it was heard; what fell silent, where it is expected, unless it should
-    be heard there, or must have arrived and most of the others are heard (`absent.out_of_range`).
+    As the agent does: what is fresh counts where it was heard; what fell silent, where it is expected, for as long as
+    `absent.patience_s` in a world of `area` cells, unless it should be heard there (`absent.out_of_range`).
     """
-    fresh, silent = 0, 0
+    alone = True
     for m in range(len(cells)):
-        if m != n and heard[n, m] >= 0:
-            fresh += step - heard[n, m] <= FRESH
-            silent += FRESH < step - heard[n, m] <= remember
+        alone &= m == n or heard[n, m] < 0 or step - heard[n, m] > FRESH
+    patience = float(remember)
+    if not alone and r_comm > 0:
+        patience = min(patience, PATIENCE_S * area / (np.pi * r_comm**2))
     for m in range(len(cells)):
         out[m] = NOBODY
         age = step - heard[n, m]
@@ -78,10 +79,10 @@ def reckon(
             continue
         x, y = last[n, m, 0], last[n, m, 1]
         if age > FRESH:
+            if age > patience:
+                continue
             gx, gy = last[n, m, 2], last[n, m, 3]
             way = abs(gx - x) + abs(gy - y) if gx >= 0 else 0
-            if fresh > silent and age * speeds[m] > way:
-                continue
             if gx >= 0 and way > 0:
                 share_done = min(1.0, age * speeds[m] / way)
                 x = int(np.floor(x + share_done * (gx - x) + 0.5))

@@ -7,7 +7,7 @@ import pytest
 from learning import ahead_data
 from msgspec.structs import replace
 
-from gatar_edge.absent import out_of_range
+from gatar_edge.absent import out_of_range, patience_s
 from gatar_edge.features import features
 from gatar_edge.learn.kernels import unpack
 from gatar_edge.learn.memory import FRESH, NOBODY
@@ -51,7 +51,8 @@ def test_robots_out_of_range_are_reckoned_with_where_the_agent_expects_them(grou
             near = [ego, *(other for m, other in enumerate(team) if hops[n, m] == 1)]
             wanted = {n: (*ego.cell, 0)}
             wanted |= {m: (*other.cell, age) for m, (age, other) in old.items() if age <= FRESH}
-            for other in out_of_range(silent, near, len(old) - len(silent), r_comm):
+            for_s = patience_s(len(old) - len(silent), group.size**2, r_comm)
+            for other in out_of_range(silent, near, for_s, r_comm):
                 wanted[other.robot_id - 1] = (*other.cell, other.age_ns // NS_PER_S)
             known = group.known[step, n].astype(int)
             assert {m: tuple(row) for m, row in enumerate(known.tolist()) if row[2] != NOBODY} == wanted

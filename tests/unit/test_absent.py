@@ -6,34 +6,35 @@ import pytest
 from builders import observation, robot
 from msgspec.structs import replace
 
-from gatar_edge.absent import REMEMBER_S, expected_cell, out_of_range
+from gatar_edge.absent import REMEMBER_S, expected_cell, out_of_range, patience_s
 from gatar_edge.agent import Agent, Identity, Inbox
 from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.allocators.routing import RoutingWithMemory
 from gatar_edge.config import AgentConfig
 from gatar_edge.keys import DEMO_KEY
 from gatar_edge.message import decode, encode
-from gatar_edge.types import NS_PER_S, Cell, Reason, RobotKind, RobotState, TaskKind
+from gatar_edge.types import NS_PER_S, Cell, GridSpec, Reason, RobotKind, RobotState, TaskKind
 from gatar_edge.view import View
 
 OPEN = [(x, y) for x in range(15) for y in range(15)]
 EGO = robot(1, (3, 3))
+LARGE = {"grid": GridSpec(width=48, height=48)}  # so that patience is as long as memory
 
 
 def silent(cell: Cell, target: Cell | None, age_s: float, robot_id: int = 2, speed: float = 1.0) -> RobotState:
     return replace(robot(robot_id, cell, speed=speed, target=target), age_ns=int(age_s * NS_PER_S))
 
 
-def agent(robot_id: int, **config: int) -> Agent:
+def agent(robot_id: int, **config: object) -> Agent:
     return Agent(Identity(robot_id, RobotKind.UAV, 1.0), AgentConfig(**config), Greedy(), DEMO_KEY)
 
 
-def told(robot_id: int, cell: Cell, targets: list[Cell], **config: int) -> bytes:
+def told(robot_id: int, cell: Cell, targets: list[Cell], **config: object) -> bytes:
     seen = observation(cell, OPEN, (), targets, robot_id=robot_id)
     return agent(robot_id, **config).tick(0, Inbox(seen)).message
 
 
-def view_after(seconds: float, *messages: bytes, late: tuple[bytes, ...] = (), **config: int) -> View:
+def view_after(seconds: float, *messages: bytes, late: tuple[bytes, ...] = (), **config: object) -> View:
     """What robot 1 at (3, 3) decides on; `messages` reach it at 0, `late` ones now."""
     ego, now_ns = agent(1, **config), round(seconds * NS_PER_S)
     ego.tick(0, Inbox(observation((3, 3), OPEN), messages))
@@ -55,34 +56,45 @@ def test_a_robot_at_its_goal_is_expected_there() -> None:
 
 def test_a_robot_out_of_range_moves_on_at_its_own_speed() -> None:
     for age_s, speed, cell in ((5, 1.0, (13, 3)), (2, 2.5, (13, 3)), (5, 0.4, (10, 3))):
-        found = out_of_range([silent((8, 3), (14, 3), age_s, speed=speed)], [robot(1, (0, 3))], 0, 6)
+        found = out_of_range([silent((8, 3), (14, 3), age_s, speed=speed)], [robot(1, (0, 3))], 30, 6)
         assert [other.cell for other in found] == [cell]
 
 
-def test_a_robot_that_must_have_arrived_is_reckoned_with_by_one_that_hears_no_more_than_fell_silent() -> None:
-    for age_s, heard, expected in ((6, 5, 1), (6.1, 2, 0), (6.1, 1, 1), (25, 0, 1)):
-        found = out_of_range([silent((8, 3), (14, 3), age_s)], [robot(1, (0, 3))], heard, 6)
-        assert [there.cell for there in found] == [(14, 3)] * expected
-    many = [silent((8, 3), (14, 3), 7, number) for number in (2, 3, 4)]
-    assert [len(out_of_range(many, [robot(1, (0, 3))], heard, 6)) for heard in (3, 4)] == [3, 0]
+@pytest.mark.parametrize(
+    ("heard", "cells", "r_comm", "patience"),
+    [(1, 15 * 15, 6, 2.98), (11, 15 * 15, 6, 2.98), (1, 32 * 32, 6, 13.6), (1, 48 * 48, 6, 30), (0, 15 * 15, 6, 30),
+     (1, 15 * 15, 4, 6.7), (1, 15 * 15, 0, 30)],
+)  # fmt: skip
+def test_who_hears_somebody_has_the_less_patience_the_more_of_the_world_the_radio_covers(
+    heard: int, cells: int, r_comm: float, patience: float
+) -> None:
+    assert patience_s(heard, cells, r_comm) == pytest.approx(patience, rel=0.01)
+
+
+def test_who_hears_nobody_reckons_with_robots_that_one_who_hears_somebody_gave_up() -> None:
+    gone = told(2, (5, 3), [(14, 3)])
+    assert [robot.robot_id for robot in view_after(9, gone).absent] == [2]
+    assert view_after(9, gone, late=(told(3, (0, 3), []),)).absent == ()
+    message, late = told(2, (5, 3), [(14, 3)], **LARGE), told(3, (0, 3), [], **LARGE)
+    assert [robot.robot_id for robot in view_after(9, message, late=(late,), **LARGE).absent] == [2]
 
 
 def test_a_robot_without_a_goal_is_expected_where_it_was() -> None:
-    assert [other.cell for other in out_of_range([silent((12, 3), None, 9)], [EGO], 0, 6)] == [(12, 3)]
+    assert [other.cell for other in out_of_range([silent((12, 3), None, 9)], [EGO], 30, 6)] == [(12, 3)]
 
 
 @pytest.mark.parametrize(("near", "kept"), [([EGO], 1), ([EGO, robot(3, (8, 3))], 0), ([robot(1, (6, 3))], 0)])
 def test_a_robot_that_ego_or_a_neighbour_of_its_should_hear_is_not_there(near: list[RobotState], kept: int) -> None:
-    assert len(out_of_range([silent((12, 3), None, 9)], near, 0, 6)) == kept
+    assert len(out_of_range([silent((12, 3), None, 9)], near, 30, 6)) == kept
 
 
 def test_a_robot_is_forgotten_after_half_a_minute() -> None:
-    assert out_of_range([silent((12, 3), None, REMEMBER_S)], [EGO], 0, 6)
-    assert not out_of_range([silent((12, 3), None, REMEMBER_S + 0.001)], [EGO], 0, 6)
+    assert out_of_range([silent((12, 3), None, REMEMBER_S)], [EGO], 30, 6)
+    assert not out_of_range([silent((12, 3), None, REMEMBER_S + 0.001)], [EGO], 30, 6)
 
 
 def test_robots_out_of_range_come_by_id_whoever_was_heard_last() -> None:
-    found = out_of_range([silent((12, 3), None, age, number) for age, number in ((4, 9), (5, 4), (6, 7))], [EGO], 0, 6)
+    found = out_of_range([silent((12, 3), None, age, number) for age, number in ((4, 9), (5, 4), (6, 7))], [EGO], 30, 6)
     assert [other.robot_id for other in found] == [4, 7, 9]
 
 
@@ -104,9 +116,9 @@ def test_an_agent_keeps_nothing_for_a_robot_that_fell_silent_in_earshot() -> Non
 
 
 def test_a_neighbour_that_should_hear_a_robot_too_gives_it_up_for_ego() -> None:
-    message = told(2, (5, 3), [(14, 3)])
-    assert view_after(5, message, late=(told(3, (8, 3), []),)).absent == ()
-    assert len(view_after(5, message, late=(told(3, (0, 3), []),)).absent) == 1
+    message = told(2, (5, 3), [(14, 3)], **LARGE)
+    for cell, kept in (((8, 3), 0), ((0, 3), 1)):
+        assert len(view_after(5, message, late=(told(3, cell, [], **LARGE),), **LARGE).absent) == kept
 
 
 @pytest.mark.parametrize("kind", [TaskKind.TARGET, TaskKind.EXPLORE])
@@ -117,7 +129,7 @@ def test_a_robot_that_left_for_a_cell_outside_the_grid_is_not_reckoned_with(kind
 
 
 def test_the_last_heard_count_where_the_graph_has_no_room_for_all() -> None:
-    room = {"max_neighbors": 3}
+    room = {"max_neighbors": 3, **LARGE}
     gone = [told(number, (5, 3), [(14, 3)], **room) for number in (4, 3, 2)]
     assert [other.robot_id for other in view_after(9, *gone, **room).absent] == [2, 3, 4]
     crowded = view_after(9, *gone, late=(told(5, (1, 3), [], **room),), **room)
