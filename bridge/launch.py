@@ -52,7 +52,7 @@ class Event(Enum):
     AIRBORNE = "at its altitude, or it does not fly"
     DRIVING = "on our own mission already: the companion restarted"
     SETTLED = "in the mode in which it waits"
-    TAKEN = "somebody else changed its mode or disarmed it"
+    TAKEN = "somebody else changed its mode or disarmed it, now or before a restart of ours"
     ENABLED = "told to command again"
 
 
@@ -60,7 +60,7 @@ _P, _E = Phase, Event
 TRANSITIONS: dict[Phase, dict[Event, Phase]] = {
     _P.SEARCHING: {_E.FOUND: _P.WAITING, _E.REFUSED: _P.UNSUPPORTED},
     _P.UNSUPPORTED: {},
-    _P.WAITING: {_E.LOCATED: _P.MODE},
+    _P.WAITING: {_E.LOCATED: _P.MODE, _E.TAKEN: _P.PILOT},
     _P.MODE: {_E.ARMABLE: _P.ARMING, _E.TAKEN: _P.PILOT},
     _P.ARMING: {_E.ARMED: _P.TAKEOFF, _E.TAKEN: _P.PILOT},
     _P.TAKEOFF: {
