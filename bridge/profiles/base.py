@@ -52,6 +52,7 @@ class Profile:
     item_read_back_frames: frozenset[int]  # `item_frame` may be downloaded as any of these
     set_current: SetCurrent
     mission_capacity: int  # waypoints it takes, slot 0 not counted
+    mission_end: tuple[str, frozenset[int]] | None  # a parameter, and with which values the end leaves its mode to us
     bytewise_parameters: bool  # PARAM_VALUE holds the bits of an integer; else the integer as a float
     # modes, as custom_mode
     guided_mode: int

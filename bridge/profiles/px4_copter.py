@@ -23,6 +23,7 @@ PROFILE = Profile(
     item_read_back_frames=frozenset({Frame.GLOBAL_RELATIVE_ALT_INT, Frame.GLOBAL_RELATIVE_ALT}),
     set_current=SetCurrent.MESSAGE_AFTER_TOTAL,
     mission_capacity=10000,
+    mission_end=None,
     bytewise_parameters=True,
     guided_mode=LOITER,  # DO_REPOSITION needs neither OFFBOARD nor a stream of setpoints
     mission_mode=MISSION,
