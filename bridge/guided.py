@@ -22,6 +22,7 @@ from gatar_edge.types import NS_PER_S
 
 ECHO_NS = 2 * NS_PER_S  # the echo comes at 2 Hz
 ASKS = 3
+STANDS_NS = 3 * NS_PER_S  # without getting nearer, so near that it is there all the same
 CHANGE_MODE_FLAG = 1.0  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE: without it PX4 answers UNSUPPORTED, ArduPilot DENIED
 KEEP_SPEED = -1.0
 
@@ -79,12 +80,20 @@ class Guided:
     """Sends one vehicle to points, and tells how that goes in `status`."""
 
     def __init__(
-        self, profile: Profile, commands: CommandClient, modes: ModeKeeper, *, arrive_m: float, progress_s: float
+        self,
+        profile: Profile,
+        commands: CommandClient,
+        modes: ModeKeeper,
+        *,
+        arrive_m: float,
+        near_m: float,
+        progress_s: float,
     ) -> None:
         self.profile, self.commands, self.modes = profile, commands, modes
         self.step, self.status = Step.IDLE, Status.IDLE
-        self._arrive_m = arrive_m
+        self._arrive_m, self._near_m = arrive_m, near_m
         self._progress = Progress(round(progress_s * NS_PER_S))
+        self._approach = Progress(STANDS_NS)
         self._points: Points = ()
         self._index = self._asks = 0
         self._alt_m = self._home_amsl_m = 0.0
@@ -193,6 +202,7 @@ class Guided:
         self._asks, self._matched_ns = 0, now_ns
         self.commands.forget(Command.DO_REPOSITION)
         self._progress.start(self._remaining_m(seen), now_ns)
+        self._approach.start(seen.distance_m(self._point()), now_ns)
         if self._speed_m_s > 0:  # ArduCopter ignores the speed of a reposition, and its first one sets back its own
             self.commands.long(Command.DO_CHANGE_SPEED, 1.0, self._speed_m_s, -1.0)
         self._fire(Event.ECHOED, now_ns, Status.PURSUING)
@@ -210,7 +220,7 @@ class Guided:
         elif seen.echo_ns - self._matched_ns >= ECHO_NS:
             self._deviated(now_ns)
             return
-        if seen.distance_m(self._point()) <= self._arrive_m:
+        if self._is_there(seen, now_ns):
             if self._index + 1 < len(self._points):
                 self._index, self._asks = self._index + 1, 0
                 self._fire(Event.NEXT, now_ns, Status.PURSUING)
@@ -219,6 +229,12 @@ class Guided:
         elif not self._hold:
             stalled = self._progress.stalled(self._remaining_m(seen), now_ns)
             self.status = Status.NOT_PROGRESSING if stalled else Status.PURSUING
+
+    def _is_there(self, seen: Telemetry, now_ns: int) -> bool:
+        """Whether it is at the point, or stands by it: ArduRover stops within WP_RADIUS, once 2.1 m before."""
+        away_m = seen.distance_m(self._point())
+        stands = self._approach.stalled(away_m, now_ns)
+        return away_m <= self._arrive_m or (stands and away_m <= self._near_m)
 
     def _remaining_m(self, seen: Telemetry) -> float:
         rest = self._points[self._index :]

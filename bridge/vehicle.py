@@ -50,7 +50,14 @@ class Vehicle:
         self.transfer = MissionClient(profile, me, address, random.Random(config.seed))
         self.launch = Launch(profile, self.commands, self.modes, config.altitude_m)
         arrive_m = config.arrive_m if config.arrive_m is not None else min(2.0, config.grid.cell_m / 4)
-        self.guided = Guided(profile, self.commands, self.modes, arrive_m=arrive_m, progress_s=config.progress_s)
+        self.guided = Guided(
+            profile,
+            self.commands,
+            self.modes,
+            arrive_m=arrive_m,
+            near_m=config.grid.cell_m / 2,  # within the cell that was meant
+            progress_s=config.progress_s,
+        )
         self.retask = Retask(
             profile,
             self.commands,

@@ -316,6 +316,22 @@ def test_a_rover_may_also_be_driven_by_guided_targets(stack: str) -> None:
     assert not flight.sent("MISSION_COUNT")
 
 
+def test_a_rover_that_stops_short_of_its_guided_targets_goes_on_to_the_next_and_arrives() -> None:
+    flight = Flight("ardupilot-rover", drive="guided").launched()
+    flight.vehicle.stops_short_m = 2.9  # WP_RADIUS is 3 m in ArduPilot's simulator
+    flight.go(Mission(((2, 7), (6, 7))), 40)
+    assert flight.driver.state(flight.now).cell == (6, 7)
+    assert flight.driver.status is Status.ARRIVED
+    assert not any(status.failed for status in flight.statuses)
+
+
+def test_a_rover_that_stops_outside_of_the_cell_has_not_arrived() -> None:
+    flight = Flight("ardupilot-rover", drive="guided").launched()
+    flight.vehicle.stops_short_m = 6.0
+    flight.go(Mission(((2, 7),)), 40)
+    assert flight.driver.status is Status.NOT_PROGRESSING
+
+
 @pytest.mark.parametrize("stack", STACKS)
 def test_without_an_origin_nothing_is_armed_and_no_target_leaves(stack: str) -> None:
     flight = Flight(stack)

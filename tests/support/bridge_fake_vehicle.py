@@ -37,6 +37,7 @@ class FakeVehicle:
         self.peer = (sysid, 191)
         self.received: list[mav.MAVLink_message] = []
         self.has_origin = True
+        self.stops_short_m = 0.0  # of a guided target
         self.silent = self.deaf_to_reposition = self.refuse_fence = self.stuck = False
         self.sent: dict[int, int] = {}
         self.out = b""
@@ -137,6 +138,8 @@ class FakeVehicle:
         self.alt += max(-3 * dt, min(3 * dt, alt - self.alt)) if self.flies else 0.0
         north, east = (lat - self.lat) * M_PER_DEG, (lon - self.lon) * M_PER_DEG * math.cos(math.radians(lat))
         distance = math.hypot(north, east)
+        if self.mode == self.guided_mode and distance <= self.stops_short_m:
+            return
         part = 1.0 if distance <= self.speed * dt else self.speed * dt / distance
         self.lat += (lat - self.lat) * part
         self.lon += (lon - self.lon) * part
