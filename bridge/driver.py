@@ -220,6 +220,8 @@ class VehicleDriver:
             text: str | None = profile.text
         elif profile.kind is not self.config.kind:
             text = f"vehicle {self.config.sysid} is {profile.name}, configured as {self.config.kind.name}"
+        elif self.config.targets == "setpoint" and profile.position_frame is None:
+            text = f'vehicle {self.config.sysid} is {profile.name}, which needs targets = "reposition"'
         else:
             text = None
             self._vehicle = Vehicle(self.config, profile, frame.source, now_ns, self._memory)

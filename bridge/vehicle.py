@@ -57,6 +57,7 @@ class Vehicle:
             arrive_m=arrive_m,
             near_m=config.grid.cell_m / 2,  # within the cell that was meant
             progress_s=config.progress_s,
+            setpoints=config.targets == "setpoint",
         )
         self.retask = Retask(
             profile,
@@ -218,10 +219,10 @@ class Vehicle:
         if launch and not self._waits_for_current(now_ns):
             self.launch.driving = self.driving
             self.launch.poll(self.seen, now_ns)
-        self.guided.poll(self.seen, now_ns)
+        targets = self.guided.poll(self.seen, now_ns)
         retask = self.retask.poll(self.seen, now_ns)
         self.modes.poll(now_ns)
-        commands = [*retask, *self.transfer.poll(now_ns), *self.commands.poll(now_ns)]
+        commands = [*targets, *retask, *self.transfer.poll(now_ns), *self.commands.poll(now_ns)]
         self._tell_changes(now_ns)
         # the pilot wins: then we ask for telemetry and for nothing else
         return out if self.launch.phase is Phase.PILOT else out + commands

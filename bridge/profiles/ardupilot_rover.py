@@ -51,4 +51,5 @@ PROFILE = Profile(
     reposition_frame=Frame.GLOBAL_RELATIVE_ALT_INT,
     reposition_amsl=False,
     position_type_mask=0x0DFC,
+    position_frame=Frame.GLOBAL_RELATIVE_ALT_INT,
 )

@@ -67,6 +67,7 @@ class Profile:
     reposition_frame: int
     reposition_amsl: bool  # z is above mean sea level, home's altitude is added
     position_type_mask: int  # SET_POSITION_TARGET_*: bits that say IGNORE
+    position_frame: int | None  # of SET_POSITION_TARGET_GLOBAL_INT; None: it obeys a stream of them alone, in OFFBOARD
 
     def mode_name(self, custom_mode: int) -> str:
         """The mode's name, or its number where it has none here."""

@@ -36,4 +36,5 @@ PROFILE = Profile(
     reposition_frame=Frame.GLOBAL,  # the frame is ignored: frame 6 with z = 10 flew it into the ground
     reposition_amsl=True,
     position_type_mask=0x0DF8,
+    position_frame=None,
 )

@@ -36,4 +36,5 @@ PROFILE = Profile(
     reposition_frame=Frame.GLOBAL,
     reposition_amsl=True,
     position_type_mask=0x0DFC,
+    position_frame=None,
 )

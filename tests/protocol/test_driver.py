@@ -316,6 +316,33 @@ def test_a_rover_may_also_be_driven_by_guided_targets(stack: str) -> None:
     assert not flight.sent("MISSION_COUNT")
 
 
+@pytest.mark.parametrize("stack", ["ardupilot-copter", "ardupilot-rover"])
+def test_targets_are_given_as_setpoints_where_configured(stack: str) -> None:
+    flight = Flight(stack, drive="guided", targets="setpoint").launched()
+    flight.go(Mission(((2, 7), (6, 7))), 45)
+    assert flight.driver.state(flight.now).cell == (6, 7)
+    assert flight.driver.status is Status.ARRIVED
+    assert len(flight.sent("SET_POSITION_TARGET_GLOBAL_INT")) == 2  # once for each corner
+    assert not flight.sent("COMMAND_INT")
+    if stack.endswith("copter"):
+        assert flight.vehicle.alt == pytest.approx(20, abs=0.1)
+        flight.go(Hold("stop"), 5)
+        assert flight.driver.status is Status.HOLDING
+
+
+def test_a_setpoint_that_the_vehicle_ignores_is_a_stale_target() -> None:
+    flight = Flight("ardupilot-copter", targets="setpoint").launched()
+    flight.vehicle.refuse_fence = True
+    flight.go(Goto((9, 8)), 9)
+    assert Status.STALE_TARGET in flight.statuses
+
+
+def test_setpoints_are_refused_by_name_where_they_would_have_to_be_streamed() -> None:
+    flight = Flight("px4-copter", targets="setpoint")
+    flight.run(5)
+    assert "px4-copter" in flight.driver.state(flight.now).details["unsupported"]
+
+
 def test_a_rover_that_stops_short_of_its_guided_targets_goes_on_to_the_next_and_arrives() -> None:
     flight = Flight("ardupilot-rover", drive="guided").launched()
     flight.vehicle.stops_short_m = 2.9  # WP_RADIUS is 3 m in ArduPilot's simulator

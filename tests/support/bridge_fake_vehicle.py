@@ -207,6 +207,12 @@ class FakeVehicle:
         self.target = (m.x / 1e7, m.y / 1e7, m.z if relative else m.z - self.home_amsl)
         self.ack(m.command, 0)
 
+    def on_set_position_target_global_int(self, m: mav.MAVLink_set_position_target_global_int_message) -> None:
+        if self.px4 or self.mode != self.guided_mode or self.deaf_to_reposition or self.refuse_fence:
+            return  # without a word
+        stops = m.type_mask != (0xDF8 if self.flies else 0xDFC) or m.coordinate_frame != 6
+        self.target = (self.lat, self.lon, self.alt) if stops else (m.lat_int / 1e7, m.lon_int / 1e7, m.alt)
+
     # --- mission ---
 
     def replace_mission(self, points: list[tuple[float, float]]) -> None:
