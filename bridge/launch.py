@@ -140,6 +140,8 @@ class Launch:
     def _set_mode(self, seen: Telemetry, now_ns: int) -> None:
         ours = (self.profile.guided_mode, self.profile.mission_mode, self.profile.hold_mode)
         if seen.custom_mode in self.profile.arm_modes or (seen.armed and seen.custom_mode in ours):
+            if self.profile.takeoff is not Takeoff.NONE:  # who breaks off the take-off is to keep the vehicle
+                self.modes.adopt(seen.custom_mode)
             self.fire(Event.ARMABLE, now_ns)
         else:
             self.modes.want(self.profile.guided_mode)

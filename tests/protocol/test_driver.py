@@ -187,6 +187,47 @@ def test_the_pilot_wins_and_nothing_is_commanded_until_enabled() -> None:
     assert flight.driver.state(flight.now).cell == (1, 1)
 
 
+@pytest.mark.parametrize(
+    ("stack", "stands_in", "lands"),
+    [("ardupilot-copter", 4, 9), ("ardupilot-copter", 0, 9), ("px4-copter", 0x03040000, 0x06040000)],
+)
+def test_a_pilot_who_breaks_off_the_take_off_wins(stack: str, stands_in: int, lands: int) -> None:
+    flight = Flight(stack)
+    flight.vehicle.mode = stands_in
+    while flight.vehicle.alt < 6.0:
+        flight.run(0.1)
+        assert flight.now < 20 * S
+    flight.vehicle.set_mode(lands)
+    flight.run(0.5)
+    before = len(flight.vehicle.received)
+    flight.run(30)
+    assert flight.vehicle.mode == lands
+    assert flight.driver.state(flight.now).phase == "pilot"
+    assert {m.get_type() for m in flight.vehicle.received[before:]} <= {"HEARTBEAT", "COMMAND_LONG"}
+    asked = {m.command for m in flight.vehicle.received[before:] if m.get_type() == "COMMAND_LONG"}
+    assert asked <= {511, 512}
+
+
+def test_a_pilot_who_takes_off_by_hand_instead_keeps_the_copter() -> None:
+    flight = Flight("ardupilot-copter")
+    flight.vehicle.mode, answer = 4, flight.vehicle.on_command_long  # GUIDED, in which it is asked to arm, and does not
+
+    def unarmable(message: mav.MAVLink_command_long_message) -> None:
+        if message.command != 400:
+            answer(message)
+
+    flight.vehicle.on_command_long = unarmable  # type: ignore[method-assign]
+    flight.run(9)
+    assert flight.driver.state(flight.now).phase == "arming"
+    flight.vehicle.set_mode(0)
+    flight.vehicle.armed, flight.vehicle.target = True, None
+    flight.run(3)
+    flight.vehicle.alt = 15.0
+    flight.run(10)
+    assert flight.vehicle.mode == 0
+    assert flight.driver.state(flight.now).phase == "pilot"
+
+
 def test_a_fence_refusal_is_reported_by_name() -> None:
     flight = Flight("ardupilot-copter").launched()
     flight.vehicle.refuse_fence = True
