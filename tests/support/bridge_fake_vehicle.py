@@ -38,6 +38,7 @@ class FakeVehicle:
         self.received: list[mav.MAVLink_message] = []
         self.has_origin = True
         self.stops_short_m = 0.0  # of a guided target
+        self.detour_e7 = 0  # by its own avoidance of obstacles: it tells where it goes round
         self.silent = self.deaf_to_reposition = self.refuse_fence = self.stuck = False
         self.sent: dict[int, int] = {}
         self.out = b""
@@ -98,7 +99,7 @@ class FakeVehicle:
                 mav.MAVLink_mission_current_message(self.current, (total or 65535) if self.px4 else total, state, 0)
             )
         elif message_id == 87 and self.target is not None:
-            lat, lon = round(self.target[0] * 1e7), round(self.target[1] * 1e7)
+            lat, lon = round(self.target[0] * 1e7) + self.detour_e7, round(self.target[1] * 1e7)
             alt = self.home_amsl + self.target[2]
             self.send(
                 mav.MAVLink_position_target_global_int_message(0, 0, 65016, lat, lon, alt, 0, 0, 0, 0, 0, 0, 0, 0)
