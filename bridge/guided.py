@@ -101,7 +101,7 @@ class Guided:
         self.step, self.status = Step.IDLE, Status.IDLE
         self._arrive_m, self._near_m = arrive_m, near_m
         self._progress = Progress(round(progress_s * NS_PER_S))
-        self._approach = Progress(STANDS_NS)
+        self._approach, self._is_near = Progress(STANDS_NS), False
         self._setpoints, self._sent_ns, self._sends = setpoints, 0, 0
         self._out: list[Message] = []
         self._points: Points = ()
@@ -129,8 +129,9 @@ class Guided:
     @property
     def due_ns(self) -> int:
         """When `poll` has something to do again, unless something arrives or is commanded first."""
-        if self.step is Step.GOING and not self._hold:
-            return self._progress.due_ns
+        if self.step is Step.GOING:
+            progress_ns = NEVER_NS if self._hold else self._progress.due_ns
+            return min(progress_ns, self._approach.due_ns) if self._is_near else progress_ns
         if self.step is Step.ECHO:
             return self._since_ns + ECHO_NS
         return 0 if self.step is Step.ASKED else NEVER_NS
@@ -250,6 +251,7 @@ class Guided:
         self.commands.forget(Command.DO_REPOSITION)
         self._progress.start(self._remaining_m(seen), now_ns)
         self._approach.start(seen.distance_m(self._point()), now_ns)
+        self._is_near = False
         if self._speed_m_s > 0:  # ArduCopter ignores the speed of a reposition, and its first one sets back its own
             self.commands.long(Command.DO_CHANGE_SPEED, 1.0, self._speed_m_s, -1.0)
         self._fire(Event.ECHOED, now_ns, Status.PURSUING)
@@ -280,8 +282,8 @@ class Guided:
     def _is_there(self, seen: Telemetry, now_ns: int) -> bool:
         """Whether it is at the point, or stands by it: ArduRover stops within WP_RADIUS, once 2.1 m before."""
         away_m = seen.distance_m(self._point())
-        stands = self._approach.stalled(away_m, now_ns)
-        return away_m <= self._arrive_m or (stands and away_m <= self._near_m)
+        stands, self._is_near = self._approach.stalled(away_m, now_ns), away_m <= self._near_m
+        return away_m <= self._arrive_m or (stands and self._is_near)
 
     def _remaining_m(self, seen: Telemetry) -> float:
         rest = self._points[self._index :]
