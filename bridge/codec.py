@@ -163,6 +163,9 @@ _BUILDERS: dict[type, Callable[[Any], Any]] = {
     wire.CommandInt: lambda m: mavlink.MAVLink_command_int_message(
         *m.to, m.frame, m.command, 0, 0, *m.params, m.lat_e7, m.lon_e7, m.alt_m
     ),
+    wire.SetPositionTarget: lambda m: mavlink.MAVLink_set_position_target_global_int_message(
+        0, *m.to, m.frame, m.type_mask, m.lat_e7, m.lon_e7, m.alt_m, 0, 0, 0, 0, 0, 0, 0, 0
+    ),
     wire.MissionCount: lambda m: mavlink.MAVLink_mission_count_message(*m.target, m.count, m.mission_type),
     wire.MissionRequest: lambda m: mavlink.MAVLink_mission_request_int_message(*m.target, m.seq, m.mission_type),
     wire.MissionItemAt: _item_frame,

@@ -131,9 +131,8 @@ def check_fence(facts: Facts, profile: Profile) -> Finding:
 
 def check_companion_loss(facts: Facts, profile: Profile) -> Finding:
     """What would truly happen if the companion died now?"""
-    plan, armed = facts.plan, facts.seen.armed
-    by_mission = profile.kind is RobotKind.UGV and (plan is None or plan.drive == "mission")
-    mode = profile.mission_mode if by_mission else profile.guided_mode
+    armed = facts.seen.armed
+    mode = profile.mission_mode if _by_mission(facts, profile) else profile.guided_mode
     if armed and facts.seen.custom_mode is not None:
         mode = facts.seen.custom_mode
     sysid = facts.vehicle[0] if facts.vehicle else 0
@@ -160,8 +159,12 @@ def check_rates(facts: Facts, profile: Profile) -> Finding:
 
 
 def check_mission(facts: Facts, profile: Profile) -> Finding:
-    """What is on board, and how much has room?"""
+    """What is on board, how much has room, and does the vehicle still obey at its end?"""
     current = facts.seen.current
+    name, good = profile.mission_end or ("", frozenset())
+    if name in facts.parameters and facts.parameters[name] not in good and _by_mission(facts, profile):
+        text = f"at the end of each mission it changes its mode ({name}={facts.parameters[name]:g}), as a pilot would"
+        return fail(text, f"set {name} to one of {sorted(good)}: nothing is commanded after a pilot's change of mode")
     if current is None:
         return warn("it does not tell of its mission", "see rates")
     room = f"room for {profile.mission_capacity}"
@@ -259,6 +262,11 @@ def _compare(fence: OwnFence, around: str, facts: Facts, plan: DriverConfig) -> 
         text = f"the mission's area reaches {reach_m:.0f} m from home, its own fence ends after {fence.radius_m:.0f} m"
         return fail(text, "it refuses or stops there in silence: shrink the area or widen its fence")
     return ok(f"{around}; the mission's area reaches {reach_m:.0f} m from home")
+
+
+def _by_mission(facts: Facts, profile: Profile) -> bool:
+    """Whether the daemon drives it by missions, as far as is known."""
+    return profile.kind is RobotKind.UGV and (facts.plan is None or facts.plan.drive == "mission")
 
 
 def _metres(value: float) -> str:

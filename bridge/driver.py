@@ -16,6 +16,7 @@ from gatar_edge.bridge import dialect, wire
 from gatar_edge.bridge.codec import Codec, strip_signature
 from gatar_edge.bridge.geo import Point, inside_grid, is_rest, wgs84_to_grid_m
 from gatar_edge.bridge.heartbeat import Heart
+from gatar_edge.bridge.launch import Event as LaunchEvent
 from gatar_edge.bridge.launch import Phase
 from gatar_edge.bridge.profiles import Unsupported, choose
 from gatar_edge.bridge.safety import GOAL_REFUSALS, Known, Refusal, gate
@@ -160,10 +161,13 @@ class VehicleDriver:
         """What the next process needs to go on, if this one is killed."""
         vehicle, signing = self._vehicle, self._codec.signing
         timestamp = signing.timestamp if signing is not None else 0
-        if not isinstance(self._pursued, Mission) or vehicle is None:
+        if vehicle is None:
             return replace(self._memory, signing_timestamp=timestamp)
+        pilot = vehicle.launch.phase is Phase.PILOT
+        if not isinstance(self._pursued, Mission):
+            return replace(self._memory, signing_timestamp=timestamp, pilot=pilot)
         on_board = vehicle.transfer.on_board or ""
-        return DriverMemory(on_board, tuple(self._pursued.cells), self._start_cell, timestamp)
+        return DriverMemory(on_board, tuple(self._pursued.cells), self._start_cell, timestamp, pilot)
 
     def events(self) -> tuple[DriverEvent, ...]:
         """What happened since the last call."""
@@ -216,10 +220,15 @@ class VehicleDriver:
             text: str | None = profile.text
         elif profile.kind is not self.config.kind:
             text = f"vehicle {self.config.sysid} is {profile.name}, configured as {self.config.kind.name}"
+        elif self.config.targets == "setpoint" and profile.position_frame is None:
+            text = f'vehicle {self.config.sysid} is {profile.name}, which needs targets = "reposition"'
         else:
             text = None
             self._vehicle = Vehicle(self.config, profile, frame.source, now_ns, self._memory)
             self._tell(now_ns, EventKind.PHASE, f"found {profile.name} at {frame.source}")
+            if self._memory.pilot and heartbeat.armed:  # a restart of ours takes nothing from him
+                self._vehicle.launch.fire(LaunchEvent.TAKEN, now_ns)
+                self._tell(now_ns, EventKind.PILOT, "somebody else had control before the restart")
         if text is not None and text != self._unsupported:
             self._tell(now_ns, EventKind.UNSUPPORTED, text)
         self._unsupported = text

@@ -17,12 +17,12 @@ def frame_length(data: bytes, at: int = 0) -> int:
     return rest
 
 
-def sender(data: bytes) -> int | None:
-    """The system id in the header that `data` begins with, None where it begins with something else."""
+def sender(data: bytes) -> tuple[int, int] | None:
+    """(sysid, compid) in the header that `data` begins with, None where it begins with something else."""
     if len(data) >= 12 and data[0] == _V2:
-        return data[5]
+        return data[5], data[6]
     if len(data) >= 8 and data[0] == _V1:
-        return data[3]
+        return data[3], data[4]
     return None
 
 

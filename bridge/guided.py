@@ -1,8 +1,10 @@
 """Guided targets: COMMAND_INT DO_REPOSITION, acknowledged, echoed by the vehicle, and then watched by distance.
 
 Sans-IO; every change of `step` is a row of TRANSITIONS. A list of points is visited one after another. The target is
-given once and re-sent only while it is not confirmed: position targets never time out on either stack. SET_POSITION_*
-is not used: it has no acknowledgement, and PX4 would need a stream of it and OFFBOARD, whose loss is a failsafe.
+given once and re-sent only while it is not confirmed: position targets never time out on either stack.
+Where so configured it is SET_POSITION_TARGET_GLOBAL_INT: that has no acknowledgement, so it is re-sent until the echo
+comes, and is ignored outside of the guided mode, so that comes first. Not on PX4, which would need a stream of it and
+OFFBOARD, whose loss is a failsafe.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ from __future__ import annotations
 import math
 from enum import Enum
 
+from gatar_edge.bridge import wire
 from gatar_edge.bridge.commands import NEVER_NS, CommandClient
 from gatar_edge.bridge.dialect import Command, CommandResult
 from gatar_edge.bridge.geo import deg_e7
@@ -17,11 +20,15 @@ from gatar_edge.bridge.modes import ModeKeeper
 from gatar_edge.bridge.profiles.base import Profile
 from gatar_edge.bridge.status import Status
 from gatar_edge.bridge.telemetry import Progress, Telemetry, distance_m
-from gatar_edge.bridge.wire import CommandInt
+from gatar_edge.bridge.wire import CommandInt, Message
 from gatar_edge.types import NS_PER_S
 
 ECHO_NS = 2 * NS_PER_S  # the echo comes at 2 Hz
 ASKS = 3
+RESEND_NS = NS_PER_S  # of what is not acknowledged
+RESENDS = 5
+MODE_PATIENCE_NS = 10 * NS_PER_S
+STANDS_NS = 3 * NS_PER_S  # without getting nearer, so near that it is there all the same
 CHANGE_MODE_FLAG = 1.0  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE: without it PX4 answers UNSUPPORTED, ArduPilot DENIED
 KEEP_SPEED = -1.0
 
@@ -79,12 +86,24 @@ class Guided:
     """Sends one vehicle to points, and tells how that goes in `status`."""
 
     def __init__(
-        self, profile: Profile, commands: CommandClient, modes: ModeKeeper, *, arrive_m: float, progress_s: float
+        self,
+        profile: Profile,
+        commands: CommandClient,
+        modes: ModeKeeper,
+        *,
+        arrive_m: float,
+        near_m: float,
+        progress_s: float,
+        setpoints: bool = False,
     ) -> None:
+        """`setpoints`: SET_POSITION_TARGET_GLOBAL_INT, on stacks that have a `position_frame`."""
         self.profile, self.commands, self.modes = profile, commands, modes
         self.step, self.status = Step.IDLE, Status.IDLE
-        self._arrive_m = arrive_m
+        self._arrive_m, self._near_m = arrive_m, near_m
         self._progress = Progress(round(progress_s * NS_PER_S))
+        self._approach, self._is_near = Progress(STANDS_NS), False
+        self._setpoints, self._sent_ns, self._sends = setpoints, 0, 0
+        self._out: list[Message] = []
         self._points: Points = ()
         self._index = self._asks = 0
         self._alt_m = self._home_amsl_m = 0.0
@@ -110,8 +129,9 @@ class Guided:
     @property
     def due_ns(self) -> int:
         """When `poll` has something to do again, unless something arrives or is commanded first."""
-        if self.step is Step.GOING and not self._hold:
-            return self._progress.due_ns
+        if self.step is Step.GOING:
+            progress_ns = NEVER_NS if self._hold else self._progress.due_ns
+            return min(progress_ns, self._approach.due_ns) if self._is_near else progress_ns
         if self.step is Step.ECHO:
             return self._since_ns + ECHO_NS
         return 0 if self.step is Step.ASKED else NEVER_NS
@@ -126,14 +146,18 @@ class Guided:
         """Whether the vehicle's echo of the target does."""
         return self.step is Step.GOING or self.step is Step.ECHO
 
-    def poll(self, seen: Telemetry, now_ns: int) -> None:
-        """Read the vehicle's answers and ask again where they are missing."""
-        if self.step is Step.ASKED:
+    def poll(self, seen: Telemetry, now_ns: int) -> list[Message]:
+        """Read the vehicle's answers, ask again where they are missing, and hand over messages to send now."""
+        if self.step is Step.ASKED and self._setpoints:
+            self._watch_setpoint(seen, now_ns)
+        elif self.step is Step.ASKED:
             self._watch_ack(seen, now_ns)
         elif self.step is Step.ECHO:
             self._watch_echo(seen, now_ns)
         elif self.step is Step.GOING:
             self._watch_distance(seen, now_ns)
+        out, self._out = self._out, []
+        return out
 
     def _point(self) -> tuple[float, float]:
         return self._points[self._index]
@@ -153,6 +177,10 @@ class Guided:
     def _ask(self, now_ns: int) -> None:
         self._asks += 1
         self._since_ns = now_ns
+        if self._setpoints:
+            self._sent_ns, self._sends = now_ns - RESEND_NS, 0
+            self.modes.want(self.profile.guided_mode)
+            return
         lat, lon = self._point()
         self.modes.expect(self.profile.guided_mode, now_ns)
         self.commands.send(
@@ -164,6 +192,35 @@ class Guided:
                 lat_e7=deg_e7(lat),
                 lon_e7=deg_e7(lon),
                 alt_m=self._alt_m + (self._home_amsl_m if self.profile.reposition_amsl else 0.0),
+            )
+        )
+
+    def _watch_setpoint(self, seen: Telemetry, now_ns: int) -> None:
+        if seen.custom_mode != self.profile.guided_mode:  # entering it would cancel what is echoed now
+            if now_ns - self._since_ns >= MODE_PATIENCE_NS:
+                self._fire(Event.GIVEN_UP, now_ns, Status.STALE_TARGET)
+        elif self._sends and seen.echoes(self._point(), self._since_ns):
+            self._confirmed(seen, now_ns)
+        elif now_ns - self._sent_ns >= RESEND_NS:
+            if self._sends < RESENDS:
+                self._send_setpoint(now_ns)
+            elif seen.echo_ns <= self._since_ns:  # no echo of anything arrives: then only the distance can tell
+                self._confirmed(seen, now_ns)
+            else:  # it keeps its old target: a copter's own fence refuses in silence
+                self._fire(Event.GIVEN_UP, now_ns, Status.STALE_TARGET)
+
+    def _send_setpoint(self, now_ns: int) -> None:
+        assert self.profile.position_frame is not None
+        self._sent_ns, self._sends = now_ns, self._sends + 1
+        lat, lon = self._point()
+        self._out.append(
+            wire.SetPositionTarget(
+                to=self.commands.vehicle,
+                frame=self.profile.position_frame,
+                type_mask=self.profile.position_type_mask,
+                lat_e7=deg_e7(lat),
+                lon_e7=deg_e7(lon),
+                alt_m=self._alt_m,
             )
         )
 
@@ -193,6 +250,8 @@ class Guided:
         self._asks, self._matched_ns = 0, now_ns
         self.commands.forget(Command.DO_REPOSITION)
         self._progress.start(self._remaining_m(seen), now_ns)
+        self._approach.start(seen.distance_m(self._point()), now_ns)
+        self._is_near = False
         if self._speed_m_s > 0:  # ArduCopter ignores the speed of a reposition, and its first one sets back its own
             self.commands.long(Command.DO_CHANGE_SPEED, 1.0, self._speed_m_s, -1.0)
         self._fire(Event.ECHOED, now_ns, Status.PURSUING)
@@ -210,7 +269,7 @@ class Guided:
         elif seen.echo_ns - self._matched_ns >= ECHO_NS:
             self._deviated(now_ns)
             return
-        if seen.distance_m(self._point()) <= self._arrive_m:
+        if self._is_there(seen, now_ns):
             if self._index + 1 < len(self._points):
                 self._index, self._asks = self._index + 1, 0
                 self._fire(Event.NEXT, now_ns, Status.PURSUING)
@@ -219,6 +278,12 @@ class Guided:
         elif not self._hold:
             stalled = self._progress.stalled(self._remaining_m(seen), now_ns)
             self.status = Status.NOT_PROGRESSING if stalled else Status.PURSUING
+
+    def _is_there(self, seen: Telemetry, now_ns: int) -> bool:
+        """Whether it is at the point, or stands by it: ArduRover stops within WP_RADIUS, once 2.1 m before."""
+        away_m = seen.distance_m(self._point())
+        stands, self._is_near = self._approach.stalled(away_m, now_ns), away_m <= self._near_m
+        return away_m <= self._arrive_m or (stands and self._is_near)
 
     def _remaining_m(self, seen: Telemetry) -> float:
         rest = self._points[self._index :]

@@ -52,7 +52,7 @@ class Event(Enum):
     AIRBORNE = "at its altitude, or it does not fly"
     DRIVING = "on our own mission already: the companion restarted"
     SETTLED = "in the mode in which it waits"
-    TAKEN = "somebody else changed its mode or disarmed it"
+    TAKEN = "somebody else changed its mode or disarmed it, now or before a restart of ours"
     ENABLED = "told to command again"
 
 
@@ -60,7 +60,7 @@ _P, _E = Phase, Event
 TRANSITIONS: dict[Phase, dict[Event, Phase]] = {
     _P.SEARCHING: {_E.FOUND: _P.WAITING, _E.REFUSED: _P.UNSUPPORTED},
     _P.UNSUPPORTED: {},
-    _P.WAITING: {_E.LOCATED: _P.MODE},
+    _P.WAITING: {_E.LOCATED: _P.MODE, _E.TAKEN: _P.PILOT},
     _P.MODE: {_E.ARMABLE: _P.ARMING, _E.TAKEN: _P.PILOT},
     _P.ARMING: {_E.ARMED: _P.TAKEOFF, _E.TAKEN: _P.PILOT},
     _P.TAKEOFF: {
@@ -140,6 +140,8 @@ class Launch:
     def _set_mode(self, seen: Telemetry, now_ns: int) -> None:
         ours = (self.profile.guided_mode, self.profile.mission_mode, self.profile.hold_mode)
         if seen.custom_mode in self.profile.arm_modes or (seen.armed and seen.custom_mode in ours):
+            if self.profile.takeoff is not Takeoff.NONE:  # who breaks off the take-off is to keep the vehicle
+                self.modes.adopt(seen.custom_mode)
             self.fire(Event.ARMABLE, now_ns)
         else:
             self.modes.want(self.profile.guided_mode)

@@ -1,6 +1,6 @@
 """Links to vehicles: UDP, TCP and serial, non-blocking, by URL. Bytes only; the codec knows what they mean.
 
-    udpin:HOST:PORT     listen; several vehicles may speak, each is answered at the address it spoke from last
+    udpin:HOST:PORT     listen; several vehicles may speak, each is answered where its autopilot spoke from last
     udpout:HOST:PORT    speak first, to one address
     tcp:HOST:PORT       connect; lost connections are opened again, at most once a second, without waiting for them
     serial:DEVICE[:BAUD]  needs pyserial; 57600 baud unless told
@@ -29,6 +29,7 @@ MAX_READS = 256  # in one `receive`, so that a flood cannot keep the loop
 READ_BYTES = 65536
 RECONNECT_S = 1.0
 DEFAULT_BAUD = 57600
+AUTOPILOT_COMPID = 1  # MAV_COMP_ID_AUTOPILOT1
 
 
 class Link(ABC):
@@ -68,7 +69,8 @@ class UdpLink(Link):
 
     def __init__(self, url: str, host: str, port: int, *, listen: bool) -> None:
         self.url = url
-        self.peers: dict[int, Any] = {}  # system id -> the address it spoke from last
+        self.peers: dict[int, Any] = {}  # system id -> the address it spoke from last, its autopilot if that was heard
+        self._autopilots: set[int] = set()
         try:
             family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
             self._socket = socket.socket(family, socket.SOCK_DGRAM)
@@ -93,11 +95,19 @@ class UdpLink(Link):
                 break
             except OSError:  # an ICMP refusal of something sent before
                 continue
-            system = sender(data)
-            if system is not None:
-                self.peers[system] = address
+            self._note(sender(data), address)
             out.append(data)
         return out
+
+    def _note(self, source: tuple[int, int] | None, address: Any) -> None:
+        """Where a system speaks from. A camera of its own address must not draw the autopilot's commands to it."""
+        if source is None:
+            return
+        system, component = source
+        if component == AUTOPILOT_COMPID:
+            self._autopilots.add(system)
+        if component == AUTOPILOT_COMPID or system not in self._autopilots:
+            self.peers[system] = address
 
     def send(self, data: bytes, sysid: int | None = None) -> bool:
         """Send to the one address, or to where `sysid` spoke from; with no `sysid` to the only vehicle there is."""

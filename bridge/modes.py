@@ -34,6 +34,10 @@ class ModeKeeper:
         if mode is not None:
             self._expected = mode
 
+    def adopt(self, mode: int | None) -> None:
+        """The mode in which it stands is as good as one of our choice: leaving it is somebody else's doing."""
+        self._expected, self._engaged = mode, True
+
     def release(self) -> None:
         """Command again after the pilot took over."""
         self.pilot, self._expected, self._engaged = None, None, False

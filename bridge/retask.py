@@ -7,6 +7,7 @@ stacks, and an accepted mission is stored, not driven: so the current item is se
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from enum import Enum
 
@@ -28,6 +29,7 @@ CONFIRM_NS = 5 * NS_PER_S
 TOTAL_NS = 5 * NS_PER_S
 MODE_PATIENCE_NS = 10 * NS_PER_S  # then STALE_TARGET is reported; the mode is still asked for
 STARTS = 3
+NEARER_M = 2.0  # in CONFIRM_NS: the last proof, where a vehicle tells of no target, or of where it goes round
 # An upload that takes longer stops the vehicle: until it is complete, ArduPilot drives a mix of the old and the new
 # mission, straight to whatever now stands at the old index.
 MIXED_NS = NS_PER_S
@@ -111,6 +113,7 @@ class Retask:
         self._since_ns = self._sent_ns = self._uploaded_ns = 0
         self._starts = self._start_index = 0
         self._mode_was_other = False
+        self._confirm_from_m = math.inf  # the way that remained when it was last told to start
         self._out: list[Message] = []
 
     def drive(self, points: Points, now_ns: int) -> None:
@@ -176,6 +179,7 @@ class Retask:
         elif self.step is Step.UPLOAD and event is not Event.REOPENED:
             self.transfer.upload(build(self.profile, self._points, 0.0), now_ns)
         elif self.step is Step.SET:
+            self._confirm_from_m = math.inf
             self._set_current(now_ns)
         elif self.step is Step.MODE:
             self._mode_was_other = False
@@ -250,7 +254,11 @@ class Retask:
     def _watch_confirm(self, seen: Telemetry, now_ns: int) -> None:
         going = self._current_is_first(seen) and seen.echoes(self._points[self.index(seen)], self._sent_ns)
         there = seen.distance_m(self._points[-1]) <= self._arrive_m
-        if going or there:
+        late = now_ns - self._since_ns >= CONFIRM_NS
+        if math.isinf(self._confirm_from_m):
+            self._confirm_from_m = self._remaining_m(seen)
+        nearer = self._current_is_first(seen) and self._remaining_m(seen) <= self._confirm_from_m - NEARER_M
+        if going or there or (late and self._starts + 1 == STARTS and nearer):
             self._starts = 0
             self._ends_before.clear()
             self._progress.start(self._remaining_m(seen), now_ns)
@@ -258,10 +266,10 @@ class Retask:
                 self.commands.long(Command.DO_CHANGE_SPEED, 1.0, self._speed_m_s, -1.0)
             self.modes.want(None)  # PX4 leaves it at the end; re-entered, it would start at the old index
             self._fire(Event.CONFIRMED, now_ns, Status.PURSUING)
-        elif now_ns - self._since_ns >= CONFIRM_NS and self.transfer.result is Result.ALREADY_ON_BOARD:
+        elif late and self.transfer.result is Result.ALREADY_ON_BOARD:
             self.transfer.forget()  # then it may be another's, as long as ours
             self._fire(Event.DRIVE, now_ns, Status.STARTING)
-        elif now_ns - self._since_ns >= CONFIRM_NS:
+        elif late:
             self._starts += 1
             last = self._starts >= STARTS
             self._fire(

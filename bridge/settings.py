@@ -29,6 +29,7 @@ class DriverConfig:
     min_separation_m: float = 0.0  # from neighbours in its layer, where the caller tells of them; 0: not asked
     failed_retry_s: float = 10.0  # an unchanged command that failed is tried again after this long
     drive: str = "mission"  # how a UGV is driven: "mission" items in AUTO, or "guided" targets
+    targets: str = "reposition"  # how guided targets are given: DO_REPOSITION, or "setpoint": SET_POSITION_TARGET_*
     arrive_m: float | None = None  # None: 2 m (the stacks' own radius), less on small cells
     progress_s: float = 15.0  # a rover takes up to 10 s to turn round
     heartbeat_hz: float = 1.0
@@ -43,6 +44,7 @@ class DriverConfig:
             (1 <= self.sysid <= 255, "sysid", self.sysid, "1 to 255"),
             (1 <= self.compid <= 255, "compid", self.compid, "1 to 255"),
             (self.drive in ("mission", "guided"), "drive", self.drive, "mission or guided"),
+            (self.targets in ("reposition", "setpoint"), "targets", self.targets, "reposition or setpoint"),
             (0.1 <= self.heartbeat_hz <= 50, "heartbeat_hz", self.heartbeat_hz, "0.1 to 50"),
             (0 <= self.min_separation_m < 1e4, "min_separation_m", self.min_separation_m, "0 to 10000"),
             (self.position_max_age_s > 0, "position_max_age_s", self.position_max_age_s, "more than 0"),

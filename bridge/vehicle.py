@@ -50,7 +50,15 @@ class Vehicle:
         self.transfer = MissionClient(profile, me, address, random.Random(config.seed))
         self.launch = Launch(profile, self.commands, self.modes, config.altitude_m)
         arrive_m = config.arrive_m if config.arrive_m is not None else min(2.0, config.grid.cell_m / 4)
-        self.guided = Guided(profile, self.commands, self.modes, arrive_m=arrive_m, progress_s=config.progress_s)
+        self.guided = Guided(
+            profile,
+            self.commands,
+            self.modes,
+            arrive_m=arrive_m,
+            near_m=config.grid.cell_m / 2,  # within the cell that was meant
+            progress_s=config.progress_s,
+            setpoints=config.targets == "setpoint",
+        )
         self.retask = Retask(
             profile,
             self.commands,
@@ -211,10 +219,10 @@ class Vehicle:
         if launch and not self._waits_for_current(now_ns):
             self.launch.driving = self.driving
             self.launch.poll(self.seen, now_ns)
-        self.guided.poll(self.seen, now_ns)
+        targets = self.guided.poll(self.seen, now_ns)
         retask = self.retask.poll(self.seen, now_ns)
         self.modes.poll(now_ns)
-        commands = [*retask, *self.transfer.poll(now_ns), *self.commands.poll(now_ns)]
+        commands = [*targets, *retask, *self.transfer.poll(now_ns), *self.commands.poll(now_ns)]
         self._tell_changes(now_ns)
         # the pilot wins: then we ask for telemetry and for nothing else
         return out if self.launch.phase is Phase.PILOT else out + commands

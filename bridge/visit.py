@@ -57,6 +57,11 @@ class Visit:
         """The system ids of all autopilots that are heard, whether there is a profile for them or not."""
         return tuple(sorted({a[0] for a, heard in self.heard.items() if _is_autopilot(heard.heartbeat)}))
 
+    def undecided(self, now_ns: int) -> bool:
+        """Whether there are several vehicles and none was told to be the one: no waiting helps."""
+        listened = self._first_ns is not None and now_ns - self._first_ns >= LISTEN_NS
+        return listened and self.sysid is None and self.vehicle is None and len(self.autopilots) > 1
+
     def receive(self, data: bytes, now_ns: int) -> list[Received]:
         """Take bytes; the frames of the vehicle among them."""
         self.bytes_heard += len(data)

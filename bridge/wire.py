@@ -167,6 +167,17 @@ class CommandInt(msgspec.Struct, frozen=True):
     alt_m: float
 
 
+class SetPositionTarget(msgspec.Struct, frozen=True):
+    """SET_POSITION_TARGET_GLOBAL_INT (86), a position alone: never acknowledged. `type_mask` says what to ignore."""
+
+    to: Address
+    frame: int
+    type_mask: int
+    lat_e7: int
+    lon_e7: int
+    alt_m: float
+
+
 class MissionCount(msgspec.Struct, frozen=True):
     """MISSION_COUNT (44)."""
 
@@ -264,6 +275,7 @@ Message = (
     | CommandAck
     | CommandLong
     | CommandInt
+    | SetPositionTarget
     | MissionCount
     | MissionRequest
     | MissionItemAt

@@ -19,6 +19,7 @@ class DriverMemory:
     cells: tuple[Cell, ...] = ()  # the pursued mission
     start: Cell | None = None  # where it began
     signing_timestamp: int = 0  # of the next frame, see `signing.Signing`
+    pilot: bool = False  # somebody else had control, and nobody had told us to command again
 
     @property
     def pursued(self) -> Mission | None:

@@ -96,6 +96,7 @@ def driver_config(config: VehicleConfig) -> DriverConfig:
         speed_m_s=config.robot.speed_m_s,
         fence_deg=tuple(vehicle.fence) or None,
         drive=vehicle.drive,
+        targets=vehicle.targets,
         min_separation_m=vehicle.min_separation_m,
         auto_launch=False,  # the daemon decides, see assemble
         log_frames=bool(config.log.folder),

@@ -113,6 +113,7 @@ class VehicleSection(_Section, frozen=True, kw_only=True):
     fence: list[tuple[_Latitude, _Longitude]] = field(default_factory=list)  # corners; empty: the grid's rectangle
     signing_key_file: _Path = ""  # the key of the autopilot's link, mode 0600; empty: nothing is signed
     drive: Literal["mission", "guided"] = "mission"  # how a UGV is driven
+    targets: Literal["reposition", "setpoint"] = "reposition"  # guided ones: with or without an acknowledgement
     launch: Literal["armed", "auto"] = "armed"  # take over, and take off, once a person has armed it; or arm it oneself
     min_separation_m: Annotated[float, Meta(ge=0, le=1000)] = 0.0  # UGVs: from where another rests; 0: not asked
     # what SIGTERM does: stop the vehicle, let a UAV return to launch, or leave it to its last order

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Literal, Protocol
 
 from gatar_edge.bridge.driver import VehicleDriver
+from gatar_edge.bridge.launch import Phase
 from gatar_edge.bridge.status import EventKind, Status
 from gatar_edge.driver_memory import DriverMemory
 from gatar_edge.journal import Journal
@@ -70,7 +71,7 @@ class AutopilotPort:
 
     def poll(self, now_ns: int) -> None:
         """Send what is due: heartbeat, requests, retries; log what went both ways."""
-        if self._launch_when_armed and self.driver.state(now_ns).armed:
+        if self._launch_when_armed and _given(self.driver.state(now_ns)):
             self._launch_when_armed = False
             self._journal.info("armed by hand: taking over", now_ns)
             self.driver.launch()
@@ -117,3 +118,8 @@ class AutopilotPort:
     def enable(self, now_ns: int) -> None:
         """Command again after the pilot had control."""
         self.driver.enable(now_ns)
+
+
+def _given(state: VehicleState) -> bool:
+    """Whether a person has armed the vehicle for us, and does not fly it."""
+    return state.armed and state.phase != Phase.PILOT.value

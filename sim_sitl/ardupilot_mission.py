@@ -23,7 +23,7 @@ _ITEM_NAMES = {
     93: "Delay",
     177: "Jump",
 }
-_DONE_BEHAVE = {1: "LOITER", 3: "MANUAL"}  # MIS_DONE_BEHAVE; 0 holds, staying in AUTO
+_DONE_BEHAVE = {3: "MANUAL"}  # MIS_DONE_BEHAVE; 0 holds and 1 loiters, both staying in AUTO (mode_auto.cpp)
 
 RULES = Rules(
     request="MISSION_REQUEST",

@@ -39,6 +39,7 @@ PROFILE = Profile(
     item_read_back_frames=frozenset({Frame.GLOBAL_RELATIVE_ALT_INT, Frame.GLOBAL_RELATIVE_ALT}),
     set_current=SetCurrent.COMMAND_WITH_RESET,
     mission_capacity=650,
+    mission_end=None,
     bytewise_parameters=False,
     guided_mode=_GUIDED,
     mission_mode=_AUTO,
@@ -51,4 +52,5 @@ PROFILE = Profile(
     reposition_frame=Frame.GLOBAL_RELATIVE_ALT_INT,
     reposition_amsl=False,
     position_type_mask=0x0DF8,
+    position_frame=Frame.GLOBAL_RELATIVE_ALT_INT,
 )

@@ -38,6 +38,7 @@ PROFILE = Profile(
     item_read_back_frames=frozenset({Frame.GLOBAL_RELATIVE_ALT_INT, Frame.GLOBAL_RELATIVE_ALT}),
     set_current=SetCurrent.COMMAND_WITH_RESET,  # without the reset it acknowledges after completion and never moves
     mission_capacity=655,
+    mission_end=("MIS_DONE_BEHAVE", frozenset({0, 1})),  # 2 and 3 go to ACRO and MANUAL, as a pilot would
     bytewise_parameters=False,
     guided_mode=_GUIDED,
     mission_mode=_AUTO,
@@ -50,4 +51,5 @@ PROFILE = Profile(
     reposition_frame=Frame.GLOBAL_RELATIVE_ALT_INT,
     reposition_amsl=False,
     position_type_mask=0x0DFC,
+    position_frame=Frame.GLOBAL_RELATIVE_ALT_INT,
 )

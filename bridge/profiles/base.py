@@ -52,6 +52,7 @@ class Profile:
     item_read_back_frames: frozenset[int]  # `item_frame` may be downloaded as any of these
     set_current: SetCurrent
     mission_capacity: int  # waypoints it takes, slot 0 not counted
+    mission_end: tuple[str, frozenset[int]] | None  # a parameter, and with which values the end leaves its mode to us
     bytewise_parameters: bool  # PARAM_VALUE holds the bits of an integer; else the integer as a float
     # modes, as custom_mode
     guided_mode: int
@@ -66,6 +67,7 @@ class Profile:
     reposition_frame: int
     reposition_amsl: bool  # z is above mean sea level, home's altitude is added
     position_type_mask: int  # SET_POSITION_TARGET_*: bits that say IGNORE
+    position_frame: int | None  # of SET_POSITION_TARGET_GLOBAL_INT; None: it obeys a stream of them alone, in OFFBOARD
 
     def mode_name(self, custom_mode: int) -> str:
         """The mode's name, or its number where it has none here."""

@@ -23,6 +23,7 @@ PROFILE = Profile(
     item_read_back_frames=frozenset({Frame.GLOBAL_RELATIVE_ALT_INT, Frame.GLOBAL_RELATIVE_ALT}),
     set_current=SetCurrent.MESSAGE_AFTER_TOTAL,
     mission_capacity=10000,
+    mission_end=None,
     bytewise_parameters=True,
     guided_mode=LOITER,  # DO_REPOSITION needs neither OFFBOARD nor a stream of setpoints
     mission_mode=MISSION,
@@ -35,4 +36,5 @@ PROFILE = Profile(
     reposition_frame=Frame.GLOBAL,  # the frame is ignored: frame 6 with z = 10 flew it into the ground
     reposition_amsl=True,
     position_type_mask=0x0DF8,
+    position_frame=None,
 )

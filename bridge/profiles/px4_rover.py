@@ -23,6 +23,7 @@ PROFILE = Profile(
     item_read_back_frames=frozenset({Frame.GLOBAL_RELATIVE_ALT_INT, Frame.GLOBAL_RELATIVE_ALT}),
     set_current=SetCurrent.MESSAGE_AFTER_TOTAL,  # DO_SET_MISSION_CURRENT is UNSUPPORTED
     mission_capacity=10000,
+    mission_end=None,
     bytewise_parameters=True,
     guided_mode=LOITER,
     mission_mode=MISSION,
@@ -35,4 +36,5 @@ PROFILE = Profile(
     reposition_frame=Frame.GLOBAL,
     reposition_amsl=True,
     position_type_mask=0x0DFC,
+    position_frame=None,
 )

@@ -33,7 +33,7 @@ def call_on(url: str, guest: Guest, timeout_s: float, clock_ns: Callable[[], int
     """
     end_ns = clock_ns() + int(timeout_s * 1e9)
     with open_link(url) as link:
-        while (now_ns := clock_ns()) < end_ns and not guest.done(now_ns):
+        while (now_ns := clock_ns()) < end_ns and not (guest.done(now_ns) or guest.visit.undecided(now_ns)):
             for data in link.receive():
                 guest.receive(data, now_ns)
             sysid = guest.visit.vehicle[0] if guest.visit.vehicle is not None else guest.visit.sysid
@@ -47,8 +47,8 @@ def call_on(url: str, guest: Guest, timeout_s: float, clock_ns: Callable[[], int
             f"nothing is heard on {url} within {timeout_s:g} s: check that the vehicle is on and sends there, "
             "and that nobody else reads this port"
         )
-    systems = guest.visit.autopilots
-    if guest.visit.sysid is None and len(systems) > 1:
+    visit, systems = guest.visit, guest.visit.autopilots
+    if visit.vehicle is None and visit.sysid is None and len(systems) > 1:
         named = ", ".join(map(str, systems))
         raise ConfigError(f"several vehicles are heard on {url}: choose one with --sysid ({named})")
 

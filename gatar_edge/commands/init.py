@@ -110,6 +110,7 @@ altitude_m = {altitude}        # above home; give each UAV its own layer
 # fence = [[47.0, 8.0], [47.0, 8.1], [47.1, 8.1]]  # corners; without it the grid's rectangle
 # signing_key_file = ""    # 32 bytes, mode 0600, as the autopilot was given it; empty: nothing is signed
 # drive = "mission"        # how a UGV is driven: "mission" or "guided"
+# targets = "reposition"   # guided ones by DO_REPOSITION; "setpoint": SET_POSITION_TARGET_GLOBAL_INT (ArduPilot alone)
 launch = {launch}          # "armed": take over, and take off, once a person has armed it; "auto": arm it, too
 # min_separation_m = 0.0   # of ground robots: from where another rests or is to rest; 0: not asked
 # on_stop = "hold"         # SIGTERM stops it; "return": a UAV returns to launch; "leave" leaves it to its last order

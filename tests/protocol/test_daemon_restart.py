@@ -16,6 +16,7 @@ from gatar_edge.sim_sitl.body import StackName
 from gatar_edge.types import NS_PER_S, CellState, TaskKind
 
 HOLD = 4  # custom mode of ArduRover
+GUIDED = {"1A0G": 4, "0A1G": 15}  # of ArduCopter and ArduRover
 KEY = bytes(range(32))
 
 
@@ -86,6 +87,49 @@ def test_a_pilot_who_takes_over_just_after_the_restart_keeps_the_vehicle(tmp_pat
     flight.fly(10)
     assert flight.body.autopilot.truth.mode == "HOLD"
     assert flight.last.reason == "no_vehicle"
+
+
+@pytest.mark.parametrize("launch", ["auto", "armed"])
+@pytest.mark.parametrize(("team", "mode", "name"), [("1A0G", 5, "LOITER"), ("0A1G", 0, "MANUAL")])
+def test_a_restart_does_not_take_the_vehicle_from_the_pilot(
+    team: str, mode: int, name: str, launch: str, tmp_path: Path
+) -> None:
+    flight = taken_by_the_pilot(team, mode, launch)
+    flight.names_sent()
+    for _ in range(2):
+        flight.start(flight.saved(tmp_path))
+        flight.fly(15)
+    assert flight.body.autopilot.truth.mode == name
+    assert not {"COMMAND_INT", "MISSION_COUNT", "MISSION_SET_CURRENT"} & set(flight.names_sent())
+    flight.port.enable(flight.now_ns)
+    flight.fly(30, until=lambda: flight.driver.state(flight.now_ns).ready)
+    assert flight.driver.state(flight.now_ns).ready
+
+
+def test_a_vehicle_that_the_pilot_has_put_down_is_ours_at_the_next_start(tmp_path: Path) -> None:
+    flight = taken_by_the_pilot("0A1G", HOLD, "auto")
+    restored = flight.saved(tmp_path)
+    flight.somebody_else_disarms()
+    flight.fly(2, step=False)
+    flight.start(restored)
+    flight.fly(30, until=lambda: flight.driver.state(flight.now_ns).ready)
+    assert flight.driver.state(flight.now_ns).ready
+
+
+def taken_by_the_pilot(team: str, mode: int, launch: str) -> Flight:
+    """A vehicle that obeyed, until somebody else changed its mode."""
+    flight = Flight(team, launch=launch)
+    if launch == "armed":
+        flight.fly(60)
+        flight.somebody_else_sets(GUIDED[team])
+        flight.fly(1)
+        flight.somebody_else_arms()
+    flight.fly(200, until=lambda: flight.driver.state(flight.now_ns).ready)
+    flight.fly(10)
+    flight.somebody_else_sets(mode)
+    flight.fly(5)
+    assert flight.last.reason == "no_vehicle"
+    return flight
 
 
 def test_a_state_without_a_mission_that_is_certain_leads_to_an_upload(tmp_path: Path) -> None:

@@ -130,6 +130,29 @@ def test_silence_on_the_link_and_several_vehicles_are_told_apart(serve: Serve) -
     assert "--sysid (1, 4)" in str(error)
 
 
+def test_several_vehicles_are_told_of_without_waiting_for_the_end(serve: Serve) -> None:
+    several = serve("ardupilot-copter", "px4-rover")
+    error = run("bridge", "clear", "--vehicle", several.url, "--timeout-s", "600").exception
+    assert "--sysid (1, 4)" in str(error)
+    assert several.now_ns < 10 * NS_PER_S
+
+
+def test_a_vehicle_that_is_heard_after_one_was_chosen_changes_nothing(serve: Serve) -> None:
+    port = serve("ardupilot-rover")
+    port.vehicles.append(Late(STACKS["px4-rover"], 0))
+    result = run("doctor", "--vehicle", port.url)
+    assert result.exception is None, result.output
+    assert "also heard: rover 4/1" in result.output
+
+
+class Late(SimAutopilot):
+    """A vehicle that is switched on four seconds after the others."""
+
+    def take(self) -> bytes:
+        said = super().take()
+        return said if self._core.now_ns > 4 * NS_PER_S else b""
+
+
 @pytest.mark.parametrize(("stack", "sysid"), [("ardupilot-rover", 2), ("px4-rover", 4)])
 def test_a_mission_on_board_is_verified_against_cells(serve: Serve, tmp_path: Path, stack: str, sysid: int) -> None:
     port = serve(stack)

@@ -47,6 +47,13 @@ def test_a_vehicle_as_it_comes_has_nothing_that_fails_and_is_warned_of_its_missi
     }
 
 
+@pytest.mark.parametrize(("behave", "level"), [(0, Level.OK), (2, Level.FAIL)])
+def test_a_rover_that_leaves_auto_at_the_end_of_its_mission_is_told_of(behave: int, level: Level) -> None:
+    place = site("ardupilot-rover")
+    client_of(place).send("PARAM_SET", param_id=b"MIS_DONE_BEHAVE", param_value=behave, param_type=2)
+    assert examine(place.survey()).findings["mission"].level is level
+
+
 @each_stack
 def test_a_survey_only_asks(stack: str) -> None:
     place = site(stack)

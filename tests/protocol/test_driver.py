@@ -187,6 +187,47 @@ def test_the_pilot_wins_and_nothing_is_commanded_until_enabled() -> None:
     assert flight.driver.state(flight.now).cell == (1, 1)
 
 
+@pytest.mark.parametrize(
+    ("stack", "stands_in", "lands"),
+    [("ardupilot-copter", 4, 9), ("ardupilot-copter", 0, 9), ("px4-copter", 0x03040000, 0x06040000)],
+)
+def test_a_pilot_who_breaks_off_the_take_off_wins(stack: str, stands_in: int, lands: int) -> None:
+    flight = Flight(stack)
+    flight.vehicle.mode = stands_in
+    while flight.vehicle.alt < 6.0:
+        flight.run(0.1)
+        assert flight.now < 20 * S
+    flight.vehicle.set_mode(lands)
+    flight.run(0.5)
+    before = len(flight.vehicle.received)
+    flight.run(30)
+    assert flight.vehicle.mode == lands
+    assert flight.driver.state(flight.now).phase == "pilot"
+    assert {m.get_type() for m in flight.vehicle.received[before:]} <= {"HEARTBEAT", "COMMAND_LONG"}
+    asked = {m.command for m in flight.vehicle.received[before:] if m.get_type() == "COMMAND_LONG"}
+    assert asked <= {511, 512}
+
+
+def test_a_pilot_who_takes_off_by_hand_instead_keeps_the_copter() -> None:
+    flight = Flight("ardupilot-copter")
+    flight.vehicle.mode, answer = 4, flight.vehicle.on_command_long  # GUIDED, in which it is asked to arm, and does not
+
+    def unarmable(message: mav.MAVLink_command_long_message) -> None:
+        if message.command != 400:
+            answer(message)
+
+    flight.vehicle.on_command_long = unarmable  # type: ignore[method-assign]
+    flight.run(9)
+    assert flight.driver.state(flight.now).phase == "arming"
+    flight.vehicle.set_mode(0)
+    flight.vehicle.armed, flight.vehicle.target = True, None
+    flight.run(3)
+    flight.vehicle.alt = 15.0
+    flight.run(10)
+    assert flight.vehicle.mode == 0
+    assert flight.driver.state(flight.now).phase == "pilot"
+
+
 def test_a_fence_refusal_is_reported_by_name() -> None:
     flight = Flight("ardupilot-copter").launched()
     flight.vehicle.refuse_fence = True
@@ -314,6 +355,49 @@ def test_a_rover_may_also_be_driven_by_guided_targets(stack: str) -> None:
     assert flight.driver.state(flight.now).cell == (6, 7)
     assert flight.driver.status is Status.ARRIVED
     assert not flight.sent("MISSION_COUNT")
+
+
+@pytest.mark.parametrize("stack", ["ardupilot-copter", "ardupilot-rover"])
+def test_targets_are_given_as_setpoints_where_configured(stack: str) -> None:
+    flight = Flight(stack, drive="guided", targets="setpoint").launched()
+    flight.go(Mission(((2, 7), (6, 7))), 45)
+    assert flight.driver.state(flight.now).cell == (6, 7)
+    assert flight.driver.status is Status.ARRIVED
+    assert len(flight.sent("SET_POSITION_TARGET_GLOBAL_INT")) == 2  # once for each corner
+    assert not flight.sent("COMMAND_INT")
+    if stack.endswith("copter"):
+        assert flight.vehicle.alt == pytest.approx(20, abs=0.1)
+        flight.go(Hold("stop"), 5)
+        assert flight.driver.status is Status.HOLDING
+
+
+def test_a_setpoint_that_the_vehicle_ignores_is_a_stale_target() -> None:
+    flight = Flight("ardupilot-copter", targets="setpoint").launched()
+    flight.vehicle.refuse_fence = True
+    flight.go(Goto((9, 8)), 9)
+    assert Status.STALE_TARGET in flight.statuses
+
+
+def test_setpoints_are_refused_by_name_where_they_would_have_to_be_streamed() -> None:
+    flight = Flight("px4-copter", targets="setpoint")
+    flight.run(5)
+    assert "px4-copter" in flight.driver.state(flight.now).details["unsupported"]
+
+
+def test_a_rover_that_stops_short_of_its_guided_targets_goes_on_to_the_next_and_arrives() -> None:
+    flight = Flight("ardupilot-rover", drive="guided").launched()
+    flight.vehicle.stops_short_m = 2.9  # WP_RADIUS is 3 m in ArduPilot's simulator
+    flight.go(Mission(((2, 7), (6, 7))), 40)
+    assert flight.driver.state(flight.now).cell == (6, 7)
+    assert flight.driver.status is Status.ARRIVED
+    assert not any(status.failed for status in flight.statuses)
+
+
+def test_a_rover_that_stops_outside_of_the_cell_has_not_arrived() -> None:
+    flight = Flight("ardupilot-rover", drive="guided").launched()
+    flight.vehicle.stops_short_m = 6.0
+    flight.go(Mission(((2, 7),)), 40)
+    assert flight.driver.status is Status.NOT_PROGRESSING
 
 
 @pytest.mark.parametrize("stack", STACKS)

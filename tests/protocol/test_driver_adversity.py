@@ -380,6 +380,16 @@ def test_a_px4_rover_that_ignores_its_new_current_item_is_reported() -> None:
     assert field.driver.status is Status.STALE_TARGET
 
 
+@pytest.mark.parametrize("stack", ["ardupilot-rover", "px4-rover"])
+def test_a_rover_that_goes_round_an_obstacle_by_itself_and_tells_that_place_is_driving_its_mission(stack: str) -> None:
+    field = Field(stack)
+    field.until(field.ready, 30)
+    field.vehicle.detour_e7, field.vehicle.speed = 500, 1.5
+    field.run(25, Mission(((2, 9),)))
+    assert field.driver.status is Status.PURSUING
+    assert field.until(lambda: field.driver.status is Status.ARRIVED, 60, Mission(((2, 9),)))
+
+
 def test_without_auto_launch_nothing_is_armed_until_told() -> None:
     field = Field("ardupilot-rover", auto_launch=False)
     field.run(10)

@@ -37,8 +37,8 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
             link.close()
 
 
-def launched(bench: Bench) -> VehicleDriver:
-    driver = bench.driver()
+def launched(bench: Bench, **config: object) -> VehicleDriver:
+    driver = bench.driver(**config)
     ready = bench.run(lambda: driver.state(bench.now_ns).ready, LAUNCH_S)
     events = [event.text for event in driver.events()]
     assert ready, f"{driver.state(bench.now_ns)}, {events}"
@@ -119,6 +119,15 @@ def test_the_vehicle_is_launched_goes_where_it_is_told_and_is_retasked_on_the_wa
 
 def test_a_vehicle_that_has_arrived_takes_its_next_task(bench: Bench) -> None:
     driver = launched(bench)
+    pursue(bench, driver, way(bench, (7, 9)), (7, 9))
+    pursue(bench, driver, way(bench, (7, 7), (8, 7)), (8, 7))
+
+
+@pytest.mark.parametrize("targets", ["reposition", "setpoint"])
+def test_a_vehicle_goes_by_guided_targets_however_they_are_given(bench: Bench, targets: str) -> None:
+    if targets == "setpoint" and bench.profile.position_frame is None:
+        pytest.skip(f"{bench.profile.name} would need a stream of them")
+    driver = launched(bench, drive="guided", targets=targets)
     pursue(bench, driver, way(bench, (7, 9)), (7, 9))
     pursue(bench, driver, way(bench, (7, 7), (8, 7)), (8, 7))
 

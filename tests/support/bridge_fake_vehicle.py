@@ -37,6 +37,8 @@ class FakeVehicle:
         self.peer = (sysid, 191)
         self.received: list[mav.MAVLink_message] = []
         self.has_origin = True
+        self.stops_short_m = 0.0  # of a guided target
+        self.detour_e7 = 0  # by its own avoidance of obstacles: it tells where it goes round
         self.silent = self.deaf_to_reposition = self.refuse_fence = self.stuck = False
         self.sent: dict[int, int] = {}
         self.out = b""
@@ -97,7 +99,7 @@ class FakeVehicle:
                 mav.MAVLink_mission_current_message(self.current, (total or 65535) if self.px4 else total, state, 0)
             )
         elif message_id == 87 and self.target is not None:
-            lat, lon = round(self.target[0] * 1e7), round(self.target[1] * 1e7)
+            lat, lon = round(self.target[0] * 1e7) + self.detour_e7, round(self.target[1] * 1e7)
             alt = self.home_amsl + self.target[2]
             self.send(
                 mav.MAVLink_position_target_global_int_message(0, 0, 65016, lat, lon, alt, 0, 0, 0, 0, 0, 0, 0, 0)
@@ -137,6 +139,8 @@ class FakeVehicle:
         self.alt += max(-3 * dt, min(3 * dt, alt - self.alt)) if self.flies else 0.0
         north, east = (lat - self.lat) * M_PER_DEG, (lon - self.lon) * M_PER_DEG * math.cos(math.radians(lat))
         distance = math.hypot(north, east)
+        if self.mode == self.guided_mode and distance <= self.stops_short_m:
+            return
         part = 1.0 if distance <= self.speed * dt else self.speed * dt / distance
         self.lat += (lat - self.lat) * part
         self.lon += (lon - self.lon) * part
@@ -203,6 +207,12 @@ class FakeVehicle:
         self.mode = self.guided_mode
         self.target = (m.x / 1e7, m.y / 1e7, m.z if relative else m.z - self.home_amsl)
         self.ack(m.command, 0)
+
+    def on_set_position_target_global_int(self, m: mav.MAVLink_set_position_target_global_int_message) -> None:
+        if self.px4 or self.mode != self.guided_mode or self.deaf_to_reposition or self.refuse_fence:
+            return  # without a word
+        stops = m.type_mask != (0xDF8 if self.flies else 0xDFC) or m.coordinate_frame != 6
+        self.target = (self.lat, self.lon, self.alt) if stops else (m.lat_int / 1e7, m.lon_int / 1e7, m.alt)
 
     # --- mission ---
 

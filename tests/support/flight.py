@@ -129,6 +129,10 @@ class Flight:
         """A ground station arms the vehicle."""
         self._ground_station(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
 
+    def somebody_else_disarms(self) -> None:
+        """A ground station disarms the vehicle."""
+        self._ground_station(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0)
+
     def somebody_else_uploads(self, *cells: Cell) -> None:
         """A ground station puts another mission on board of an ArduPilot."""
         places = [(deg_e7(lat), deg_e7(lon)) for lat, lon in (cell_to_wgs84(CONFIG.grid, cell) for cell in cells)]

@@ -20,6 +20,7 @@ SENDABLE = [
     wire.Heartbeat(18, 8, 0, 0, 4),
     wire.CommandLong(VEHICLE, 400, (1, 0, 0, 0, 0, 0, 0)),
     wire.CommandInt(VEHICLE, 6, 192, (-1, 1, 0, math.nan), 470000000, -80000000, 20.0),
+    wire.SetPositionTarget(VEHICLE, 6, 0x0DF8, 470000000, -80000000, 20.0),
     wire.MissionCount(VEHICLE, 3),
     wire.MissionRequest(VEHICLE, 2),
     wire.MissionItemAt(VEHICLE, 1, ITEM),
@@ -35,6 +36,7 @@ NAMES = [
     "HEARTBEAT",
     "COMMAND_LONG",
     "COMMAND_INT",
+    "SET_POSITION_TARGET_GLOBAL_INT",
     "MISSION_COUNT",
     "MISSION_REQUEST_INT",
     "MISSION_ITEM_INT",
@@ -116,16 +118,16 @@ def test_the_sequence_number_counts_frames() -> None:
 
 
 def test_frames_in_pieces_are_put_together() -> None:
-    frame = Codec(*VEHICLE).encode(SENDABLE[3])
+    frame = Codec(*VEHICLE).encode(SENDABLE[4])
     codec = Codec(7, 191)
     assert codec.parse(frame[:5]) == []
-    assert [r.message for r in codec.parse(frame[5:])] == [SENDABLE[3]]
+    assert [r.message for r in codec.parse(frame[5:])] == [SENDABLE[4]]
 
 
 def test_frames_of_all_kinds_in_one_piece_come_out_in_order_and_as_one_by_one() -> None:
     sender = Codec(*VEHICLE)
     text = mav.MAVLink_statustext_message(4, b"PreArm").pack(mav.MAVLink(None, *VEHICLE))  # has an array
-    pieces = [sender.encode(SENDABLE[0]), sender.encode(SENDABLE[3]), text, b"noise", sender.encode(SENDABLE[0])]
+    pieces = [sender.encode(SENDABLE[0]), sender.encode(SENDABLE[4]), text, b"noise", sender.encode(SENDABLE[0])]
     together, one_by_one = Codec(7, 191), Codec(7, 191)
     received = together.parse(b"".join(pieces) + text[:7])
     assert received == [r for piece in pieces for r in one_by_one.parse(piece)]

@@ -117,6 +117,8 @@ def test_each_finding_that_is_not_ok_says_how_to_mend_it_in_one_line() -> None:
         ("rates", {"rates_hz": {**WANTED_HZ, MessageId.GLOBAL_POSITION_INT: 0.5}}, Level.FAIL),
         ("rates", {"rates_hz": {**WANTED_HZ, MessageId.POSITION_TARGET_GLOBAL_INT: 0.0}}, Level.OK),
         ("mission", {"seen": seen(current=None)}, Level.WARN),
+        ("mission", {"profile": ROVER, "parameters": {"MIS_DONE_BEHAVE": 1.0}}, Level.OK),
+        ("mission", {"profile": ROVER, "parameters": {"MIS_DONE_BEHAVE": 3.0}}, Level.FAIL),
         ("signing", {"shared_link": True}, Level.WARN),
         ("signing", {"signed": 9}, Level.OK),
         ("signing", {"signed": 9, "version": None, "parameters": {}, "round_trips_ns": ()}, Level.FAIL),

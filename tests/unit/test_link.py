@@ -85,11 +85,35 @@ def test_each_vehicle_on_one_socket_is_answered_at_its_own_address() -> None:
         assert set(here.peers) == {1, 2}
 
 
+def test_a_camera_of_the_vehicle_with_an_address_of_its_own_does_not_get_the_autopilot_s_commands() -> None:
+    port = free_port()
+    with (
+        open_link(f"udpin:127.0.0.1:{port}") as here,
+        open_link(f"udpout:127.0.0.1:{port}") as autopilot,
+        open_link(f"udpout:127.0.0.1:{port}") as camera,
+    ):
+        for there, compid in ((camera, 100), (autopilot, 1), (camera, 100)):
+            there.send(Codec(1, compid).encode(BEAT))
+            wait(here.receive)
+        assert here.send(b"order", 1)
+        assert wait(autopilot.receive) == [b"order"]
+        assert camera.receive() == []
+
+
+def test_an_autopilot_of_another_component_is_answered_too() -> None:
+    port = free_port()
+    with open_link(f"udpin:127.0.0.1:{port}") as here, open_link(f"udpout:127.0.0.1:{port}") as there:
+        there.send(Codec(1, 50).encode(BEAT))
+        wait(here.receive)
+        assert here.send(b"order", 1)
+        assert wait(there.receive) == [b"order"]
+
+
 def test_noise_does_not_become_a_peer() -> None:
     assert sender(b"\xfd") is None
     assert sender(b"GET / HTTP/1.1\r\n") is None
-    assert sender(Codec(9, 1).encode(BEAT)) == 9
-    assert sender(bytes([0xFE, 9, 0, 5, 1, 0]) + b"\x00" * 11) == 5
+    assert sender(Codec(9, 1).encode(BEAT)) == (9, 1)
+    assert sender(bytes([0xFE, 9, 0, 5, 1, 0]) + b"\x00" * 11) == (5, 1)
 
 
 def test_frames_are_kept_whole_in_datagrams_below_the_mtu() -> None:
