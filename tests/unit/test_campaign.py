@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from processes import children_of, parents
 
 from gatar_edge.campaign import KILLED_BY, Campaign, Flight, deaths_of, fly_all, fly_one, load_results
 from gatar_edge.commands.eval_missions import command
@@ -40,6 +46,30 @@ def test_foreign_file_of_results_is_refused(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("not a result\n")
     with pytest.raises(ConfigError, match="cannot be used as a file of results"):
         fly_all(FLIGHTS, results=tmp_path / "notes.txt")
+
+
+@pytest.mark.parametrize("theirs", ['{"steps": 3}', "notes", "{}"])
+def test_foreign_file_without_a_line_end_is_refused_and_kept(tmp_path: Path, theirs: str) -> None:
+    file = tmp_path / "summary.json"
+    file.write_text(theirs)
+    kept = file.read_bytes()
+    with pytest.raises(ConfigError, match="cannot be used as a file of results"):
+        fly_all(FLIGHTS, results=file)
+    assert file.read_bytes() == kept
+
+
+def test_killed_campaign_leaves_no_process(tmp_path: Path) -> None:
+    line = ["eval", "missions", "--allocators", "greedy", "--missions", "1000", "--workers", "2"]
+    line += ["--results", str(tmp_path / "results"), "--json"]
+    process = subprocess.Popen([sys.executable, "-m", "gatar_edge", *line], stdout=subprocess.DEVNULL)
+    while process.poll() is None and not ((tmp_path / "results").exists() and (tmp_path / "results").stat().st_size):
+        time.sleep(0.01)
+    started = children_of(process.pid)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    assert started
+    while started & parents().keys():  # the test's own limit ends this
+        time.sleep(0.05)
 
 
 def test_file_of_results_that_cannot_be_written_is_refused_before_flying(tmp_path: Path) -> None:
