@@ -145,6 +145,25 @@ def test_an_unfinished_run_has_no_model(tmp_path):
         load_model(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("name", "left"), [("model.safetensors", b"half of the we"), ("model.json", b"{}"), ("model.json", b'{"netw')]
+)
+def test_a_damaged_finished_run_is_one_clear_line(name, left, tmp_path):
+    for whole in ("model.json", "model.safetensors"):
+        (tmp_path / whole).write_bytes((tiny_run() / whole).read_bytes())
+    (tmp_path / name).write_bytes(left)
+    with pytest.raises(ConfigError, match=r"not a finished training run|not of one run"):
+        load_model(tmp_path)
+
+
+def test_a_damaged_checkpoint_is_named_and_kept(tmp_path):
+    Trainer(options(), tmp_path)
+    (tmp_path / "checkpoint.safetensors").write_bytes(b"half of the we")
+    with pytest.raises(ConfigError, match="remove it to begin this run anew"):
+        Trainer(options(), tmp_path)
+    assert (tmp_path / "checkpoint.safetensors").is_file()
+
+
 def test_a_finished_run_says_what_it_is():
     network, description = load_model(tiny_run())
     assert not network.training
