@@ -48,7 +48,8 @@ def export(run: Path, out: Path) -> dict[str, Any]:
 def _converted(network: SingleView, inputs: tuple[str, ...], tensors: tuple[torch.Tensor, ...]) -> onnx.ModelProto:
     """Two steps: the one-step form ignores violated constraints and makes a model of fixed size without a word."""
     shapes = dynamic_shapes(inputs)
-    logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # it warns of every optional package that is not there
+    for name in ("torch.onnx", "onnxscript"):  # they warn of packages that are not there, and of what they leave as is
+        logging.getLogger(name).setLevel(logging.ERROR)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of torch's own deprecations; the file is proved by `verify`
         program = torch.export.export(network, tensors, dynamic_shapes=shapes)
