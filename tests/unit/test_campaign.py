@@ -17,7 +17,7 @@ from click.testing import CliRunner
 from processes import children_of, parents
 
 from gatar_edge.campaign import KILLED_BY, Campaign, Flight, deaths_of, fly_all, fly_one, load_results
-from gatar_edge.commands.eval_missions import command
+from gatar_edge.commands.eval_missions import command, table
 from gatar_edge.errors import ConfigError
 from gatar_edge.learn.statistics import mean_interval, ratio_interval
 from gatar_edge.policy import DEFAULT_MODEL, GREEDY_MODEL
@@ -129,6 +129,14 @@ def test_command_prints_a_table_for_people() -> None:
     text = CliRunner().invoke(command, arguments, catch_exceptions=False).stdout
     assert "100.0%" in text
     assert text.splitlines()[-1].endswith("-")  # nothing to compare with
+
+
+def test_table_keeps_its_columns_apart_for_long_missions_and_names() -> None:
+    span = {"mean": 312.0, "lo": 301.25, "hi": 498.5}
+    row = {"steps_100": span, "steps_90": span, "mean_time": span, "localized": 1.0, "ratio_to_greedy": None}
+    name = "gatar:models/gatar-greedy.onnx"
+    told = table(SMALL, {name: row}).splitlines()[-1]
+    assert told.split() == [name, *["312.00", "[301.25,", "498.50]"] * 3, "100.0%", "-"]
 
 
 def test_command_refuses_unknown_allocators_before_flying() -> None:
