@@ -14,14 +14,19 @@ import onnx
 import torch
 
 from gatar_edge import manifest as contract
-from gatar_edge.errors import ModelError
+from gatar_edge.errors import ConfigError, ModelError
 from gatar_edge.export.spec import EXAMPLE, IR_VERSION, OPSET, SingleView, dynamic_shapes
 from gatar_edge.export.states import random_state
 from gatar_edge.learn.train import load_model
 
 
 def export(run: Path, out: Path) -> dict[str, Any]:
-    """Write `out` (.onnx) and its weights beside it (.safetensors) from a finished run; returns the contract."""
+    """Write `out` (.onnx) and its weights beside it (.safetensors) from a finished run; returns the contract.
+
+    Raises ConfigError where the run is not finished, or `out` has another ending: it could be that of the weights.
+    """
+    if out.suffix != ".onnx":
+        raise ConfigError(f"{out}: a model's name ends in .onnx, its weights lie beside it in .safetensors")
     network, description = load_model(run)
     inputs: tuple[str, ...] = network.inputs  # type: ignore[assignment]
     example = random_state(EXAMPLE["N"], EXAMPLE["M"], seed=0, r_comm=6.0)
@@ -33,7 +38,9 @@ def export(run: Path, out: Path) -> dict[str, Any]:
     onnx.helper.set_model_props(model, {contract.KEY: json.dumps(fields, sort_keys=True)})
     onnx.checker.check_model(model)
     out.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(run / "model.safetensors", out.with_suffix(".safetensors"))
+    weights = out.with_suffix(".safetensors")
+    if not (weights.exists() and weights.samefile(run / "model.safetensors")):  # as for RUN/model.onnx
+        shutil.copyfile(run / "model.safetensors", weights)
     onnx.save_model(model, out)
     return fields
 
@@ -41,7 +48,8 @@ def export(run: Path, out: Path) -> dict[str, Any]:
 def _converted(network: SingleView, inputs: tuple[str, ...], tensors: tuple[torch.Tensor, ...]) -> onnx.ModelProto:
     """Two steps: the one-step form ignores violated constraints and makes a model of fixed size without a word."""
     shapes = dynamic_shapes(inputs)
-    logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # it warns of every optional package that is not there
+    for name in ("torch.onnx", "onnxscript"):  # they warn of packages that are not there, and of what they leave as is
+        logging.getLogger(name).setLevel(logging.ERROR)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of torch's own deprecations; the file is proved by `verify`
         program = torch.export.export(network, tensors, dynamic_shapes=shapes)

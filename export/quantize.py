@@ -67,6 +67,8 @@ def quantize(path: Path, out: Path, scenes: int = 30) -> None:
     from onnxruntime.quantization.shape_inference import quant_pre_process
 
     policy = Policy(path)
+    if out.exists() and out.samefile(path):
+        raise ModelError(f"{out}: the quantized model would take the place of the model itself: choose another file")
     feeds = (
         {name: inputs[name] for name in policy.manifest.inputs}
         for _, inputs in states(scenes, CALIBRATION_SEED, policy.manifest.looks_ahead)

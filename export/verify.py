@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import onnx
 import torch
+from safetensors import SafetensorError
 from safetensors.torch import load_file
 
 from gatar_edge.allocators.base import Choices, in_id_order
@@ -127,7 +128,7 @@ def network_of(path: Path, policy: Policy) -> SingleView:
     network = build(fields["network"], fields["settings"])
     try:
         network.load_state_dict(load_file(weights))
-    except (OSError, RuntimeError, ValueError) as error:
+    except (OSError, RuntimeError, ValueError, SafetensorError) as error:
         raise ModelError(f"cannot read the weights {weights}: {' '.join(str(error).split())[:200]}") from None
     return SingleView(network).eval().double()
 

@@ -21,6 +21,7 @@ import numpy as np
 from gatar_edge.allocators.registry import Make, hears_all, make
 from gatar_edge.config import AgentConfig
 from gatar_edge.errors import ConfigError
+from gatar_edge.learn.dataset import end_with_parent
 from gatar_edge.sim_sitl.faults import LinkFaults
 from gatar_edge.sim_sitl.grid_mission import STEP_NS, GridMission, fly
 from gatar_edge.sim_sitl.maps import read_map, window_world
@@ -155,10 +156,14 @@ class _Line(msgspec.Struct):
     figures: Figures
 
 
+_BEGINNING = b'{"key":"'  # of every line
+
+
 def load_results(path: Path) -> dict[str, Figures]:
     """Figures by `Flight.key`; makes the file where there is none.
 
-    A last line that was cut off is taken away; raises ConfigError for any other, and where the file cannot be written.
+    A last line of ours that was cut off is taken away; raises ConfigError for any other, and where the file cannot be
+    written.
     """
     try:
         path.open("ab").close()
@@ -167,6 +172,8 @@ def load_results(path: Path) -> dict[str, Figures]:
     except (OSError, msgspec.MsgspecError) as error:
         raise ConfigError(f"{path} cannot be used as a file of results: {error}") from error
     if lines[-1]:
+        if lines[-1][: len(_BEGINNING)] != _BEGINNING[: len(lines[-1])]:  # somebody else's file
+            raise ConfigError(f"{path} cannot be used as a file of results: its last line is no result")
         path.write_bytes(b"".join(line + b"\n" for line in lines[:-1]))
     return {line.key: line.figures for line in found}
 
@@ -176,7 +183,7 @@ def _fly_each(flights: Sequence[Flight], workers: int) -> Iterator[tuple[Flight,
         for flight in flights:
             yield flight, fly_one(flight)
         return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=end_with_parent) as pool:
         jobs = {pool.submit(fly_one, flight): flight for flight in flights}
         try:
             for job in as_completed(jobs):

@@ -111,7 +111,10 @@ def eager_network(policy: Policy) -> Eager | None:
 
 
 def measure_process(model: Path | None, robots: int, targets: int, seconds: float, rate_hz: float) -> dict[str, Any]:
-    """A fresh process: seconds from its start to its first decision, its memory, its share of a core."""
+    """A fresh process: seconds from its start to its first decision, its memory, its share of a core.
+
+    Raises ModelError where it fails, as with a model that was trained for other ranges than a robot has by default.
+    """
     scene = make_scene(robots, targets, seed=0)
     ticks = [scene.datagrams(number + 1) for number in range(1 + round(seconds * rate_hz))]
     task = {
@@ -127,6 +130,7 @@ def measure_process(model: Path | None, robots: int, targets: int, seconds: floa
     line = [sys.executable, "-m", "gatar_edge.commands._first_decision"]
     done = subprocess.run(line, input=json.dumps(task), capture_output=True, text=True, check=False)
     if done.returncode:
-        raise RuntimeError(f"the measured process failed: {done.stderr[-500:]}")
+        said = done.stderr.strip().splitlines()
+        raise ModelError(f"the measured process failed: {said[-1] if said else f'exit code {done.returncode}'}")
     figures: dict[str, Any] = json.loads(done.stdout)
     return {"rate_hz": rate_hz, **figures}

@@ -48,16 +48,19 @@ def _terminal(title: str, unit: str) -> Iterator[Show]:
 
 
 def _lines(title: str, unit: str) -> Show:
+    """The time left is told by what was done since the last line: what an earlier call did took no time of this one."""
     started = time.monotonic()
-    last = -LINE_EVERY_S
+    last: tuple[float, float] | None = None  # when a line was written, and the share that was done
 
     def show(share: float, text: str) -> None:
         nonlocal last
         now = time.monotonic() - started
-        if share < 1 and now - last < LINE_EVERY_S:
+        if share < 1 and last is not None and now - last[0] < LINE_EVERY_S:
             return
-        last = now
-        left = f", {now / share - now:.0f} s left" if 0 < share < 1 else ""
-        click.echo(f"{title} {100 * min(1.0, share):.0f} %: {text} {unit}, {now:.0f} s{left}", err=True)
+        left = ""
+        if last is not None and last[1] < share < 1:
+            left = f", {(now - last[0]) / (share - last[1]) * (1 - share):.0f} s left"
+        last = now, share
+        click.echo(f"{title} {100 * min(1.0, share):.0f} %: {f'{text} {unit}'.rstrip()}, {now:.0f} s{left}", err=True)
 
     return show

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import time
+from collections import deque
+from collections.abc import Callable
 from pathlib import Path
 
 import click
 
-from gatar_edge.commands._learn import bar, need
+from gatar_edge.commands._learn import Show, bar, need
+
+RECENT = 16  # shards by which the rate is told
 
 
 @click.command("dataset")
@@ -68,6 +73,19 @@ def command(
     from gatar_edge.learn.dataset import DataOptions, generate
 
     options = DataOptions(teams, sizes, r_comms, samples, seed, r_senses, teacher=teacher, losses=losses)
-    with bar("dataset", "robot-steps") as show:
-        manifest = generate(options, out, workers, lambda done, of: show(done / of, f"{done:,}"), scheduler)
+    with bar("dataset", "") as show:
+        manifest = generate(options, out, workers, _with_rate(show), scheduler)
     click.echo(f"{manifest['samples']:,} robot-steps in {len(manifest['shards'])} shards: {out}")
+
+
+def _with_rate(show: Show) -> Callable[[int, int], None]:
+    """Robot-steps done of all, told with how many a second the last shards gave."""
+    recent = deque([(time.monotonic(), 0)], maxlen=RECENT)
+
+    def progress(done: int, of: int) -> None:
+        recent.append((time.monotonic(), done))
+        (then, before), (now, _) = recent[0], recent[-1]
+        rate = (done - before) / max(now - then, 1e-3)
+        show(done / of, f"{done:,} robot-steps, {rate:,.0f} a second")
+
+    return progress

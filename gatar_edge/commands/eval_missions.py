@@ -133,19 +133,22 @@ def summarize(names: Sequence[str], figures: dict[Flight, Figures]) -> dict[str,
 def table(campaign: Campaign, summary: dict[str, dict[str, Any]]) -> str:
     """The summary for people."""
     place = f"{campaign.window}-cell windows of {campaign.map_file}" if campaign.map_file else f"size {campaign.size}"
+    name_width = max(20, *(len(name) + 2 for name in summary))
     lines = [
         f"{campaign.missions} missions of {campaign.team}, seeds {campaign.seed}.., {place}",
         f"r_sense {campaign.r_sense:g}, r_comm {campaign.r_comm:g}, loss {campaign.loss:g}, "
         f"delay {campaign.delay_ticks}, kills {campaign.kills}, tasks "
         f"{'follow the allocator' if campaign.follow else 'kept'}; 95 % intervals",
-        f"{'allocator':<20}{'steps to 100 %':<22}{'to 90 %':<22}{'mean time':<22}{'localized':<11}against greedy",
+        f"{'allocator':<{name_width}}{'steps to 100 %':<26}{'to 90 %':<26}{'mean time':<26}{'localized':<11}"
+        "against greedy",
     ]
     for name, row in summary.items():
         columns = (row["steps_100"], row["steps_90"], row["mean_time"])
         spans = [f"{span['mean']:.2f} [{span['lo']:.2f}, {span['hi']:.2f}]" for span in columns]
         ratio = row["ratio_to_greedy"]
         against = f"{ratio['mean']:.3f} [{ratio['lo']:.3f}, {ratio['hi']:.3f}]" if ratio else "-"
-        lines.append(f"{name:<20}" + "".join(f"{span:<22}" for span in spans) + f"{row['localized']:<11.1%}{against}")
+        told = "".join(f"{span:<26}" for span in spans)
+        lines.append(f"{name:<{name_width}}{told}{row['localized']:<11.1%}{against}")
     return "\n".join(lines)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -111,7 +112,7 @@ def fly(config: FleetConfig, allocator: str, log_path: Path | None, *, quiet: bo
         with progress(fleet, quiet) as update:
             for _ in lock_step(fleet):
                 update()
-        return fleet.result()
+        return replace(fleet.result(), allocator=allocator)  # as it was asked for: a bound is not its rule
 
 
 def print_table(result: Result) -> None:

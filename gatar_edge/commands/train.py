@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gatar_edge.commands._learn import bar, need
+from gatar_edge.commands._options import FiniteRange
 from gatar_edge.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -19,11 +20,20 @@ if TYPE_CHECKING:
 @click.option("--network", default="gatar", show_default=True)
 @click.option("--data", type=click.Path(path_type=Path, file_okay=False), help="Made by `gatar dataset`.")
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Run folder; goes on if cut off.")
-@click.option("--minutes", type=float, default=0.0, help="Stop after so long.")
-@click.option("--epochs", type=float, default=0.0, help="Stop after so many views of the data; the same weights again.")
-@click.option("--steps", type=int, default=0, help="Stop after so many batches; the same weights again.")
+@click.option("--minutes", type=FiniteRange(0, 1e6), default=0.0, help="Stop after so long.")
+@click.option(
+    "--epochs",
+    type=FiniteRange(0, 1e6),
+    default=0.0,
+    help="Stop after so many views of the data; the same weights again.",
+)
+@click.option(
+    "--steps", type=click.IntRange(0, 10**9), default=0, help="Stop after so many batches; the same weights again."
+)
 @click.option("--batch", type=click.IntRange(1, 65536), default=64, show_default=True, help="Views a step and rank.")
-@click.option("--rate", type=float, default=2e-3, show_default=True, help="Largest learning rate.")
+@click.option(
+    "--rate", type=FiniteRange(0, 1, min_open=True), default=2e-3, show_default=True, help="Largest learning rate."
+)
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True)
 @click.option("--threads", type=click.IntRange(1, 256), default=2, show_default=True)
 @click.option(

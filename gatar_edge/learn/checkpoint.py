@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from safetensors import safe_open
+from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
@@ -55,13 +55,19 @@ def save_checkpoint(
 def load_checkpoint(
     folder: Path, network: nn.Module, optimizer: torch.optim.Optimizer, device: str
 ) -> tuple[dict[str, Any], dict[str, Tensor]] | None:
-    """Set network and optimizer as they were; the note and the further tensors, or None where nothing was saved."""
+    """Set network and optimizer as they were; the note and the further tensors, or None where nothing was saved.
+
+    Raises ConfigError where the file is damaged: what to lose is for its owner to say.
+    """
     path = folder / FILE
     if not path.is_file():
         return None
-    state = load_file(path, device=device)
-    with safe_open(path, framework="pt") as file:
-        note: dict[str, Any] = json.loads(file.metadata()["state"])
+    try:
+        state = load_file(path, device=device)
+        with safe_open(path, framework="pt") as file:
+            note: dict[str, Any] = json.loads(file.metadata()["state"])
+    except SafetensorError as error:
+        raise ConfigError(f"{path} is damaged ({error}): remove it to begin this run anew") from None
     network.load_state_dict({name[6:]: value for name, value in state.items() if name.startswith("model.")})
     for name, parameter in network.named_parameters():
         optimizer.state[parameter] = {

@@ -142,11 +142,12 @@ def stored(number: int, folder: Path) -> dict[str, Any] | None:
     """The entry of a shard that is there whole."""
     place = folder / _name(number)
     note = place / "shard.json"
-    if note.is_file():
+    try:
         entry: dict[str, Any] = json.loads(note.read_text())
-        if all((place / name).is_file() and _sha256(place / name) == entry["sha256"][name] for name in FILES):
-            return entry
-    return None
+        whole = all(_sha256(place / name) == entry["sha256"][name] for name in FILES)
+    except (OSError, ValueError, KeyError):  # as a power cut may leave it
+        return None
+    return entry if whole else None
 
 
 def store(options: DataOptions, number: int, folder: Path, arrays: tuple[Any, ...]) -> dict[str, Any]:

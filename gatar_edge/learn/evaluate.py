@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gatar_edge.allocators.base import NO_TARGET, Allocation, Allocator
+from gatar_edge.errors import ConfigError
 from gatar_edge.learn.dataset import LONGEST_EPISODE, STEP_DTYPE
 from gatar_edge.learn.episodes import episode
 from gatar_edge.learn.labels import NO_LABEL, VOTES
@@ -104,7 +105,10 @@ def evaluate(
 
 
 def worlds(conditions: Conditions) -> Group:
-    """Enough episodes, driven by the expert, in worlds of the test range from `seed` on."""
+    """Enough episodes, driven by the expert, in worlds of the test range from `seed` on.
+
+    Raises ConfigError where the expert has nothing to give in the first ones: it would have nothing in any.
+    """
     team = Team.parse(conditions.team)
     kinds = np.array(team.kinds, dtype=np.int64)
     parts: list[tuple[npt.NDArray[np.uint8], ...]] = []
@@ -124,6 +128,8 @@ def worlds(conditions: Conditions) -> Group:
         )  # fmt: skip
         labelled += int((arrays[1][:steps, :, 2] != NO_LABEL).sum())
         parts.append(tuple(array[:steps] for array in arrays))
+        if len(parts) == count and labelled == 0:
+            raise ConfigError(f"r_sense {conditions.r_sense:g}: in {count} worlds, no robot ever knows of a target")
     beliefs, rows, known, votes, plans = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     r_comm = np.full(len(rows), conditions.r_comm, dtype=STEP_DTYPE["r_comm"])
     return Group(team, conditions.size, beliefs, rows, known, votes, plans, r_comm, conditions.hop_limit)

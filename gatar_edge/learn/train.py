@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 from torch.nn import functional
@@ -245,9 +246,14 @@ def load_model(folder: Path) -> tuple[nn.Module, dict[str, Any]]:
     """The network of a finished run, in evaluation mode, and its `model.json`. Raises ConfigError."""
     try:
         description: dict[str, Any] = json.loads((folder / "model.json").read_text())
-        weights = load_file(folder / "model.safetensors")
-    except (OSError, ValueError) as error:
+        network = build(description["network"], description["settings"])
+        network.load_state_dict(load_file(folder / "model.safetensors"))
+    except (OSError, ValueError, SafetensorError) as error:
         raise ConfigError(f"{folder} is not a finished training run: {error}") from None
-    network = build(description["network"], description["settings"])
-    network.load_state_dict(weights)
+    except (KeyError, RuntimeError) as error:
+        raise ConfigError(f"{folder}: model.json and its weights are not of one run: {_one_line(error)}") from None
     return network.eval(), description
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200]

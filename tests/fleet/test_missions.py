@@ -186,3 +186,10 @@ def test_the_log_tells_which_faults_were_injected(tmp_path: Path) -> None:
         told = [json.loads(message.data) for _, _, message in make_reader(file).iter_messages(topics=["/faults"])]
     assert [(fault["kind"], fault["robot_id"]) for fault in told] == [("radio", 0), ("kill_robot", 1)]
     assert told[0]["details"]["loss"] == 0.1
+
+
+def test_a_bound_is_told_by_its_own_name():
+    options = ["--team", "1A1G", "--targets", "3", "--size", "8", "--allocator", "central-greedy", "--json"]
+    result = CliRunner().invoke(command, options)
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["allocator"] == "central-greedy"

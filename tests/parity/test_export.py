@@ -6,11 +6,12 @@ import numpy as np
 import onnx
 import pytest
 from click.testing import CliRunner
-from learning import tiny_model
+from learning import tiny_model, tiny_run
 from safetensors.torch import load_file, save_file
 
 from gatar_edge.commands.verify import command as verify_command
-from gatar_edge.errors import ModelError
+from gatar_edge.errors import ConfigError, ModelError
+from gatar_edge.export.convert import export
 from gatar_edge.export.spec import DYNAMIC
 from gatar_edge.export.verify import verify
 from gatar_edge.manifest import KEY
@@ -63,6 +64,29 @@ def test_missing_weights_are_one_clear_line(exported, tmp_path):
     path.write_bytes(exported.read_bytes())
     with pytest.raises(ModelError, match="cannot read the weights"):
         verify(path)
+
+
+def test_a_model_can_lie_in_the_folder_of_its_run(tmp_path):
+    for name in ("model.json", "model.safetensors"):
+        (tmp_path / name).write_bytes((tiny_run() / name).read_bytes())
+    export(tmp_path, tmp_path / "model.onnx")
+    assert verify(tmp_path / "model.onnx", states_of=lambda: [(2, 3, 6.0)]).ok
+    assert (tmp_path / "model.safetensors").read_bytes() == (tiny_run() / "model.safetensors").read_bytes()
+
+
+def test_a_name_that_could_be_that_of_the_weights_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match=r"ends in \.onnx"):
+        export(tiny_run(), tmp_path / "model.safetensors")
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize("left", [b"", b"half of the we"])
+def test_damaged_weights_are_one_clear_line(exported, tmp_path, left):
+    path = tmp_path / exported.name
+    path.write_bytes(exported.read_bytes())
+    path.with_suffix(".safetensors").write_bytes(left)
+    with pytest.raises(ModelError, match="cannot read the weights"):
+        verify(path, states_of=few_states)
 
 
 @pytest.mark.parametrize("shipped", [False, True])

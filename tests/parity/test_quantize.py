@@ -24,6 +24,14 @@ def test_the_quantized_model_keeps_its_contract_and_is_compared_side_by_side(tmp
     assert Policy(out).manifest.fields == Policy(DEFAULT_MODEL).manifest.fields
 
 
+def test_the_model_itself_is_not_overwritten(tmp_path):
+    model = tmp_path / "model.onnx"
+    model.write_bytes(DEFAULT_MODEL.read_bytes())
+    with pytest.raises(ModelError, match="choose another file"):
+        quantize(model, tmp_path / "." / "model.onnx", 1)
+    assert model.read_bytes() == DEFAULT_MODEL.read_bytes()
+
+
 def test_a_model_compared_with_itself_decides_alike():
     found = compare(DEFAULT_MODEL, DEFAULT_MODEL, 2)
     assert (found.agreement, found.ego_agreement, found.largest_difference) == (1.0, 1.0, 0.0)

@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import onnx
 import pytest
 from click.testing import CliRunner
 
@@ -10,8 +11,10 @@ from gatar_edge.allocators.gatar import Gatar
 from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.commands.bench_policy import command
 from gatar_edge.errors import ModelError
+from gatar_edge.manifest import KEY
 from gatar_edge.perception import Perception
-from gatar_edge.policy_speed import PARTS, measure
+from gatar_edge.policy import DEFAULT_MODEL
+from gatar_edge.policy_speed import PARTS, measure, measure_process
 from gatar_edge.scenes import EGO, make_scene, tick
 
 
@@ -59,3 +62,12 @@ def test_a_file_that_is_no_model_is_found_out_before_anything_is_measured(tmp_pa
     result = CliRunner().invoke(command, ["--model", str(tmp_path / "notes.onnx")])
     assert isinstance(result.exception, ModelError)
     assert "not a readable ONNX model" in str(result.exception)
+
+
+def test_a_model_of_other_ranges_is_one_clear_line(tmp_path):
+    model = onnx.load(DEFAULT_MODEL)
+    fields = {entry.key: json.loads(entry.value) for entry in model.metadata_props}
+    onnx.helper.set_model_props(model, {KEY: json.dumps({**fields[KEY], "r_comm": [1, 2]})})
+    onnx.save(model, tmp_path / "narrow.onnx")
+    with pytest.raises(ModelError, match="field r_comm is 1 to 2 cells, the robot is configured to 6"):
+        measure_process(tmp_path / "narrow.onnx", 2, 3, 0.2, 5.0)

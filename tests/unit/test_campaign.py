@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from processes import children_of, parents
 
 from gatar_edge.campaign import KILLED_BY, Campaign, Flight, deaths_of, fly_all, fly_one, load_results
-from gatar_edge.commands.eval_missions import command
+from gatar_edge.commands.eval_missions import command, table
 from gatar_edge.errors import ConfigError
 from gatar_edge.learn.statistics import mean_interval, ratio_interval
 from gatar_edge.policy import DEFAULT_MODEL, GREEDY_MODEL
@@ -40,6 +46,30 @@ def test_foreign_file_of_results_is_refused(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("not a result\n")
     with pytest.raises(ConfigError, match="cannot be used as a file of results"):
         fly_all(FLIGHTS, results=tmp_path / "notes.txt")
+
+
+@pytest.mark.parametrize("theirs", ['{"steps": 3}', "notes", "{}"])
+def test_foreign_file_without_a_line_end_is_refused_and_kept(tmp_path: Path, theirs: str) -> None:
+    file = tmp_path / "summary.json"
+    file.write_text(theirs)
+    kept = file.read_bytes()
+    with pytest.raises(ConfigError, match="cannot be used as a file of results"):
+        fly_all(FLIGHTS, results=file)
+    assert file.read_bytes() == kept
+
+
+def test_killed_campaign_leaves_no_process(tmp_path: Path) -> None:
+    line = ["eval", "missions", "--allocators", "greedy", "--missions", "1000", "--workers", "2"]
+    line += ["--results", str(tmp_path / "results"), "--json"]
+    process = subprocess.Popen([sys.executable, "-m", "gatar_edge", *line], stdout=subprocess.DEVNULL)
+    while process.poll() is None and not ((tmp_path / "results").exists() and (tmp_path / "results").stat().st_size):
+        time.sleep(0.01)
+    started = children_of(process.pid)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    assert started
+    while started & parents().keys():  # the test's own limit ends this
+        time.sleep(0.05)
 
 
 def test_file_of_results_that_cannot_be_written_is_refused_before_flying(tmp_path: Path) -> None:
@@ -99,6 +129,14 @@ def test_command_prints_a_table_for_people() -> None:
     text = CliRunner().invoke(command, arguments, catch_exceptions=False).stdout
     assert "100.0%" in text
     assert text.splitlines()[-1].endswith("-")  # nothing to compare with
+
+
+def test_table_keeps_its_columns_apart_for_long_missions_and_names() -> None:
+    span = {"mean": 312.0, "lo": 301.25, "hi": 498.5}
+    row = {"steps_100": span, "steps_90": span, "mean_time": span, "localized": 1.0, "ratio_to_greedy": None}
+    name = "gatar:models/gatar-greedy.onnx"
+    told = table(SMALL, {name: row}).splitlines()[-1]
+    assert told.split() == [name, *["312.00", "[301.25,", "498.50]"] * 3, "100.0%", "-"]
 
 
 def test_command_refuses_unknown_allocators_before_flying() -> None:

@@ -7,11 +7,11 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from learning import OPTIONS, tiny_data
+from processes import children_of, parents
 
 from gatar_edge import belief as beliefs
 from gatar_edge.allocators.greedy import Greedy
@@ -113,19 +113,6 @@ def test_any_number_of_workers_makes_the_same_shards(tmp_path):
     assert manifest == json.loads((tiny_data() / MANIFEST).read_text())
 
 
-def parents():
-    """Every process that lives, and who started it; one that only waits to be reaped does not live."""
-    found = {}
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            state, parent = stat.read_text().rpartition(")")[2].split()[:2]
-        except OSError:  # it has just ended
-            continue
-        if state != "Z":
-            found[int(stat.parent.name)] = int(parent)
-    return found
-
-
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_killed_run_leaves_no_process_goes_on_and_ends_with_the_same_data(tmp_path, workers):
     out = tmp_path / "data"
@@ -134,7 +121,7 @@ def test_a_killed_run_leaves_no_process_goes_on_and_ends_with_the_same_data(tmp_
     process = subprocess.Popen([sys.executable, "-m", "gatar_edge", *line], stderr=subprocess.DEVNULL)
     while process.poll() is None and not list(out.glob("shard-*")):
         time.sleep(0.01)
-    started = {child for child, parent in parents().items() if parent == process.pid}
+    started = children_of(process.pid)
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
     while started & parents().keys():  # the test's own limit ends this
@@ -149,6 +136,13 @@ def test_a_damaged_shard_is_made_again(tmp_path):
     path.write_bytes(whole[:-1] + b"\xff")
     generate(SMALL, tmp_path, workers=1)
     assert path.read_bytes() == whole
+
+
+@pytest.mark.parametrize("left", ["", "{}", '{"name": "sha'])
+def test_a_shard_whose_note_is_damaged_is_made_again(tmp_path, left):
+    manifest = generate(SMALL, tmp_path, workers=1)
+    (tmp_path / "shard-00000" / "shard.json").write_text(left)
+    assert generate(SMALL, tmp_path, workers=1) == manifest
 
 
 def test_a_whole_shard_is_not_made_again(tmp_path, monkeypatch):

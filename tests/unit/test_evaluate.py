@@ -4,6 +4,7 @@ import pytest
 
 from gatar_edge.allocators.greedy import Greedy
 from gatar_edge.allocators.nearest import Nearest
+from gatar_edge.errors import ConfigError
 from gatar_edge.learn.evaluate import TEST_SEEDS, Conditions, evaluate, worlds
 from gatar_edge.sim_sitl.world import TRAINING_SEEDS
 
@@ -33,3 +34,9 @@ def test_the_same_seed_gives_the_same_scores_and_another_seed_others():
 def test_worlds_stay_in_the_test_range_even_at_its_end():
     assert TEST_SEEDS < TRAINING_SEEDS
     assert worlds(Conditions("1A1G", 10, seed=TEST_SEEDS - 1)).views > 0
+
+
+@pytest.mark.timeout(60)
+def test_robots_that_see_nothing_are_refused_instead_of_waited_for():
+    with pytest.raises(ConfigError, match="no robot ever knows of a target"):
+        worlds(Conditions("1A1G", 10, r_sense=0.0))

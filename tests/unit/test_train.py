@@ -10,9 +10,11 @@ from itertools import islice
 
 import pytest
 import torch
+from click.testing import CliRunner
 from learning import TINY_AHEAD, TINY_OF, ahead_data, options, tiny_data, tiny_run
 from safetensors.torch import load_file
 
+from gatar_edge.commands.train import command
 from gatar_edge.errors import ConfigError
 from gatar_edge.learn.networks import NETWORKS, build
 from gatar_edge.learn.train import Trainer, load_model, loss_of, tensors_of
@@ -145,6 +147,25 @@ def test_an_unfinished_run_has_no_model(tmp_path):
         load_model(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("name", "left"), [("model.safetensors", b"half of the we"), ("model.json", b"{}"), ("model.json", b'{"netw')]
+)
+def test_a_damaged_finished_run_is_one_clear_line(name, left, tmp_path):
+    for whole in ("model.json", "model.safetensors"):
+        (tmp_path / whole).write_bytes((tiny_run() / whole).read_bytes())
+    (tmp_path / name).write_bytes(left)
+    with pytest.raises(ConfigError, match=r"not a finished training run|not of one run"):
+        load_model(tmp_path)
+
+
+def test_a_damaged_checkpoint_is_named_and_kept(tmp_path):
+    Trainer(options(), tmp_path)
+    (tmp_path / "checkpoint.safetensors").write_bytes(b"half of the we")
+    with pytest.raises(ConfigError, match="remove it to begin this run anew"):
+        Trainer(options(), tmp_path)
+    assert (tmp_path / "checkpoint.safetensors").is_file()
+
+
 def test_a_finished_run_says_what_it_is():
     network, description = load_model(tiny_run())
     assert not network.training
@@ -159,3 +180,32 @@ def test_a_finished_run_says_what_it_is():
 def test_an_unknown_network_or_setting_is_named(name, settings):
     with pytest.raises(ConfigError, match=r"other|breadth"):
         build(name, settings)
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "said"),
+    [
+        ("gatar", {"width": -3}, "width is -3"),
+        ("gatar", {"width": 33}, "width is 33, must be a multiple of heads, 4"),
+        ("gatar", {"width": "wide"}, 'width is "wide"'),
+        ("gatar", {"maps": 3}, "maps is 3, must be like true"),
+        ("gatar", {"levels": []}, r"levels is \[\]"),
+        ("gatar", {"levels": [1, 0]}, r"levels is \[1, 0\]"),
+        ("gatar", {"channels": [True]}, "channels are 4, got 1"),
+        ("gat", {"heads": 0}, "heads is 0"),
+        ("gatar-paper", {"bottom": 6}, "bottom is 6, must be a multiple of heads, 4"),
+    ],
+)
+def test_a_setting_with_which_a_network_could_not_run_is_refused(name, settings, said):
+    with pytest.raises(ConfigError, match=said):
+        build(name, settings)
+
+
+@pytest.mark.parametrize(
+    "wrong", [["--rate", "nan"], ["--epochs", "inf"], ["--minutes", "inf"], ["--steps", "-1"], ["--rate", "0"]]
+)
+def test_a_number_with_which_nothing_can_be_learned_is_wrong_usage(wrong, tmp_path):
+    result = CliRunner().invoke(command, ["--data", str(tiny_data()), "--out", str(tmp_path / "run"), *wrong])
+    assert result.exit_code == 2
+    assert f"Invalid value for '{wrong[0]}'" in result.output
+    assert not (tmp_path / "run").exists()
