@@ -117,7 +117,7 @@ def build_bundle(view: View, to_beat: list[tuple[int, int]]) -> tuple[tuple[Cell
     bids: dict[int, int] = {}
     while len(path) < BUNDLE:
         gains, places = _gains(path, first, legs)
-        offers = (gains * _UNIT).astype(np.int64).tolist()
+        offers = (np.minimum(gains, 1) * _UNIT).astype(np.int64).tolist()  # a stop on a shorter way may seem worth more
         open_to_ego = [
             target
             for target, offer in enumerate(offers)

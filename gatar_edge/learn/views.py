@@ -84,7 +84,7 @@ def load_groups(folder: Path) -> tuple[list[Group], dict[str, Any]]:
     for shard in manifest["shards"]:
         try:
             arrays = [np.load(folder / shard["name"] / name) for name in FILES]
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, EOFError) as error:
             raise ConfigError(f"{folder / shard['name']}: {error}") from None
         parts.setdefault((shard["team"], shard["size"]), []).append(arrays)
     hop_limit = int(manifest["options"]["hop_limit"])

@@ -138,6 +138,14 @@ def test_a_damaged_shard_is_made_again(tmp_path):
     assert path.read_bytes() == whole
 
 
+@pytest.mark.parametrize("left", [b"", b"half of the we"])
+def test_a_damaged_shard_is_named_to_who_trains_on_it(tmp_path, left):
+    generate(SMALL, tmp_path, workers=1)
+    (tmp_path / "shard-00000" / FILES[0]).write_bytes(left)
+    with pytest.raises(ConfigError, match="shard-00000"):
+        load_groups(tmp_path)
+
+
 @pytest.mark.parametrize("left", ["", "{}", '{"name": "sha'])
 def test_a_shard_whose_note_is_damaged_is_made_again(tmp_path, left):
     manifest = generate(SMALL, tmp_path, workers=1)
