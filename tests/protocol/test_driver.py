@@ -265,6 +265,14 @@ def test_rates_that_fall_short_are_asked_for_again() -> None:
     assert flight.vehicle.intervals[33] == 200_000
 
 
+def test_a_rover_on_hold_that_tells_no_target_is_no_short_rate() -> None:
+    flight = Flight("ardupilot-rover").launched()
+    flight.go(Hold("stop"), 5)
+    flight.events.clear()
+    flight.run(25)
+    assert not [event for event in flight.events if event.startswith("rates") and "87" in event]
+
+
 @pytest.mark.parametrize("stack", STACKS)
 def test_a_stack_that_tells_all_it_can_is_not_asked_again(stack: str) -> None:
     flight = Flight(stack).launched()
