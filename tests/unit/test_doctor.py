@@ -34,6 +34,7 @@ COPTER, ROVER, QUAD, PX4_ROVER = (
 LAT_E7, LON_E7 = -353632621, 1491652374
 GRID = GridSpec(15, 15, 10.0, LAT_E7 / 1e7 - 0.0004, LON_E7 / 1e7 - 0.0004)
 PLAN = DriverConfig(1, RobotKind.UAV, GRID, sysid=1)
+SELF_FENCING = {"FENCE_ENABLE": 0.0, "FENCE_AUTOENABLE": 1.0, "FENCE_TYPE": 2.0, "FENCE_RADIUS": 30.0}
 WATCHED = {"SYSID_MYGCS": 1.0, "FS_GCS_ENABLE": 1.0, "FS_GCS_TIMEOUT": 5.0}
 
 
@@ -112,6 +113,8 @@ def test_each_finding_that_is_not_ok_says_how_to_mend_it_in_one_line() -> None:
         ("origin", {"seen": seen(origin=None)}, Level.FAIL),
         ("fence", {"parameters": {}}, Level.WARN),
         ("fence", {"parameters": {"FENCE_ENABLE": 0.0}}, Level.WARN),
+        ("fence", {"parameters": {"FENCE_ENABLE": 0.0, "FENCE_AUTOENABLE": 0.0}}, Level.WARN),
+        ("fence", {"parameters": SELF_FENCING, "plan": PLAN}, Level.FAIL),
         ("rates", {"rates_hz": {}}, Level.WARN),
         ("rates", {"rates_hz": {**WANTED_HZ, MessageId.GLOBAL_POSITION_INT: 2.0}}, Level.WARN),
         ("rates", {"rates_hz": {**WANTED_HZ, MessageId.GLOBAL_POSITION_INT: 0.5}}, Level.FAIL),
