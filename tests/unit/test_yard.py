@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import socket
 from pathlib import Path
 from typing import Any
 
@@ -100,7 +101,10 @@ def test_what_cannot_happen_to_daemons_is_refused_before_anything_is_written(
     tmp_path: Path, event: str, words: str
 ) -> None:
     (tmp_path / "faults.toml").write_text(f"[[event]]\nat_s = 1\n{event}")
-    live = ("--realtime", "--listen", "udp:127.0.0.1:0", "--daemons", str(tmp_path / "team"), "--base-port", "28000")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = str(free.getsockname()[1])
+    live = ("--realtime", "--listen", "udp:127.0.0.1:0", "--daemons", str(tmp_path / "team"), "--base-port", port)
     done = CliRunner().invoke(command, ["--team", "1A1G", "--faults", str(tmp_path / "faults.toml"), *live])
     assert isinstance(done.exception, ConfigError)
     assert words in str(done.exception)
