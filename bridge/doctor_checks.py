@@ -159,12 +159,14 @@ def check_rates(facts: Facts, profile: Profile) -> Finding:
 
 
 def check_mission(facts: Facts, profile: Profile) -> Finding:
-    """What is on board, how much has room, and does the vehicle still obey at its end?"""
+    """What is on board, how much has room, and does the vehicle get to its end and obey there?"""
     current = facts.seen.current
     name, good = profile.mission_end or ("", frozenset())
     if name in facts.parameters and facts.parameters[name] not in good and _by_mission(facts, profile):
         text = f"at the end of each mission it changes its mode ({name}={facts.parameters[name]:g}), as a pilot would"
         return fail(text, f"set {name} to one of {sorted(good)}: nothing is commanded after a pilot's change of mode")
+    if (early := _stops_early(facts, profile)) is not None:
+        return early
     if current is None:
         return warn("it does not tell of its mission", "see rates")
     room = f"room for {profile.mission_capacity}"
@@ -267,6 +269,18 @@ def _compare(fence: OwnFence, around: str, facts: Facts, plan: DriverConfig) -> 
 def _by_mission(facts: Facts, profile: Profile) -> bool:
     """Whether the daemon drives it by missions, as far as is known."""
     return profile.kind is RobotKind.UGV and (facts.plan is None or facts.plan.drive == "mission")
+
+
+def _stops_early(facts: Facts, profile: Profile) -> Finding | None:
+    """What to say of one that may come to rest so far before a guided target that it never counts as there."""
+    name, plan = profile.guided_radius or "", facts.plan
+    if plan is None or plan.drive != "guided" or name not in facts.parameters:
+        return None
+    radius_m, near_m = facts.parameters[name], plan.grid.cell_m / 2
+    if radius_m <= near_m:
+        return None
+    text = f"it may stop {radius_m:g} m before a guided target ({name}), and is there within {near_m:g} m, half a cell"
+    return warn(text, f'set {name} to {near_m:g} or less, or vehicle.drive to "mission"')
 
 
 def _metres(value: float) -> str:

@@ -172,6 +172,24 @@ def point_inside(polygon: tuple[Point, ...], p: Point) -> bool:
     return inside or any(distance_to_segment_m(p, a, b) <= 1e-3 for a, b in edges)
 
 
+def self_crossing(polygon: tuple[Point, ...]) -> tuple[int, int] | None:
+    """The first two edges that cross each other, by the number of the corner where each begins; None: it is simple."""
+    edges = list(zip(polygon, (*polygon[1:], polygon[0]), strict=True))
+    for i, (a, b) in enumerate(edges):
+        for j in range(i + 2, len(edges) - (i == 0)):  # neighbours share a corner
+            c, d = edges[j]
+            if _apart(c, d, a, b) and _apart(a, b, c, d):
+                return i, j
+    return None
+
+
+def _apart(p: Point, q: Point, a: Point, b: Point) -> bool:
+    """Whether p and q lie on two sides of the line through a and b, each by more than 1 mm: touching is no crossing."""
+    length = math.dist(a, b) or 1.0
+    sides = [((b[0] - a[0]) * (o[1] - a[1]) - (b[1] - a[1]) * (o[0] - a[0])) / length for o in (p, q)]
+    return min(sides) < -1e-3 and max(sides) > 1e-3
+
+
 @lru_cache(maxsize=64)
 def _is_convex(polygon: tuple[Point, ...]) -> bool:
     """Whether a simple polygon turns one way only."""

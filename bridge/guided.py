@@ -5,6 +5,9 @@ given once and re-sent only while it is not confirmed: position targets never ti
 Where so configured it is SET_POSITION_TARGET_GLOBAL_INT: that has no acknowledgement, so it is re-sent until the echo
 comes, and is ignored outside of the guided mode, so that comes first. Not on PX4, which would need a stream of it and
 OFFBOARD, whose loss is a failsafe.
+
+With its own avoidance of obstacles on, ArduRover echoes where it goes round. So a rover that keeps telling another
+target, and gets nearer all the same, is believed, and watched by distance alone.
 """
 
 from __future__ import annotations
@@ -21,13 +24,14 @@ from gatar_edge.bridge.profiles.base import Profile
 from gatar_edge.bridge.status import Status
 from gatar_edge.bridge.telemetry import Progress, Telemetry, distance_m
 from gatar_edge.bridge.wire import CommandInt, Message
-from gatar_edge.types import NS_PER_S
+from gatar_edge.types import NS_PER_S, RobotKind
 
 ECHO_NS = 2 * NS_PER_S  # the echo comes at 2 Hz
 ASKS = 3
 RESEND_NS = NS_PER_S  # of what is not acknowledged
 RESENDS = 5
 MODE_PATIENCE_NS = 10 * NS_PER_S
+NEARER_M = 2.0  # since the first time of asking: the proof where the vehicle tells where it goes round
 STANDS_NS = 3 * NS_PER_S  # without getting nearer, so near that it is there all the same
 CHANGE_MODE_FLAG = 1.0  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE: without it PX4 answers UNSUPPORTED, ArduPilot DENIED
 KEEP_SPEED = -1.0
@@ -102,6 +106,7 @@ class Guided:
         self._arrive_m, self._near_m = arrive_m, near_m
         self._progress = Progress(round(progress_s * NS_PER_S))
         self._approach, self._is_near = Progress(STANDS_NS), False
+        self._asked_from_m, self._heeds_echo = math.inf, True
         self._setpoints, self._sent_ns, self._sends = setpoints, 0, 0
         self._out: list[Message] = []
         self._points: Points = ()
@@ -148,6 +153,8 @@ class Guided:
 
     def poll(self, seen: Telemetry, now_ns: int) -> list[Message]:
         """Read the vehicle's answers, ask again where they are missing, and hand over messages to send now."""
+        if math.isinf(self._asked_from_m) and self._points:
+            self._asked_from_m = seen.distance_m(self._point())
         if self.step is Step.ASKED and self._setpoints:
             self._watch_setpoint(seen, now_ns)
         elif self.step is Step.ASKED:
@@ -175,6 +182,8 @@ class Guided:
             self.commands.forget(Command.DO_REPOSITION)
 
     def _ask(self, now_ns: int) -> None:
+        if not self._asks:
+            self._asked_from_m, self._heeds_echo = math.inf, True
         self._asks += 1
         self._since_ns = now_ns
         if self._setpoints:
@@ -206,6 +215,9 @@ class Guided:
                 self._send_setpoint(now_ns)
             elif seen.echo_ns <= self._since_ns:  # no echo of anything arrives: then only the distance can tell
                 self._confirmed(seen, now_ns)
+            elif self._goes_round(seen):
+                self._confirmed(seen, now_ns)
+                self._heeds_echo = False
             else:  # it keeps its old target: a copter's own fence refuses in silence
                 self._fire(Event.GIVEN_UP, now_ns, Status.STALE_TARGET)
 
@@ -243,6 +255,9 @@ class Guided:
         elif now_ns - self._since_ns >= ECHO_NS:
             if seen.echo_ns <= self._since_ns:  # no echo of anything arrives: then only the distance can tell
                 self._confirmed(seen, now_ns)
+            elif self._asks >= ASKS and self._goes_round(seen):
+                self._confirmed(seen, now_ns)
+                self._heeds_echo = False
             else:
                 self._deviated(now_ns)
 
@@ -263,8 +278,13 @@ class Guided:
         else:
             self._fire(Event.DEVIATED, now_ns, Status.STARTING)
 
+    def _goes_round(self, seen: Telemetry) -> bool:
+        """Whether a rover gets nearer, whatever it tells. Of a copter that may be chance: its old target lies there."""
+        nearer = seen.distance_m(self._point()) <= self._asked_from_m - NEARER_M
+        return self.profile.kind is RobotKind.UGV and nearer
+
     def _watch_distance(self, seen: Telemetry, now_ns: int) -> None:
-        if seen.echoes(self._point(), self._matched_ns) or seen.echo_ns <= self._matched_ns:
+        if not self._heeds_echo or seen.echoes(self._point(), self._matched_ns) or seen.echo_ns <= self._matched_ns:
             self._matched_ns = max(self._matched_ns, seen.echo_ns)
         elif seen.echo_ns - self._matched_ns >= ECHO_NS:
             self._deviated(now_ns)

@@ -30,6 +30,8 @@ class ModeKeeper:
 
     def want(self, mode: int | None) -> None:
         """From now on try to be in `mode`; None: leave it as it is."""
+        if mode != self._want:  # else one whose answer was lost would be sent again, after what comes now
+            self._commands.forget(Command.DO_SET_MODE)
         self._want = mode
         if mode is not None:
             self._expected = mode
@@ -61,7 +63,8 @@ class ModeKeeper:
 
     def expect(self, mode: int, now_ns: int) -> None:
         """Another command of ours (DO_REPOSITION) brings the vehicle into `mode`."""
-        self._want, self._expected = None, mode
+        self.want(None)
+        self._expected = mode
         self._asked_ns[mode] = now_ns
 
     @property

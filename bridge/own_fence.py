@@ -10,6 +10,7 @@ from gatar_edge.bridge.profiles.base import Profile
 
 _ALT_MAX, _CIRCLE, _POLYGON = 1, 2, 4  # bits of FENCE_TYPE
 _ARDUPILOT = ("FENCE_ENABLE", "FENCE_TYPE", "FENCE_ACTION", "FENCE_RADIUS", "FENCE_MARGIN", "FENCE_ALT_MAX")
+_COPTER = (*_ARDUPILOT, "FENCE_AUTOENABLE")  # a rover has none
 _PX4 = ("GF_ACTION", "GF_MAX_HOR_DIST", "GF_MAX_VER_DIST")
 _ROVER_STOPS_BEFORE_M = 1.0  # besides the margin: at 47 m of 50, as measured
 
@@ -28,7 +29,8 @@ class OwnFence:
 def _of_ardupilot(p: Mapping[str, float], *, flies: bool) -> OwnFence | None:
     if "FENCE_ENABLE" not in p:
         return None
-    if not p["FENCE_ENABLE"]:
+    itself = p.get("FENCE_AUTOENABLE", 0.0)  # off on the ground, and on as soon as it is armed or flies
+    if not p["FENCE_ENABLE"] and not itself:
         return OwnFence(False, says="FENCE_ENABLE=0")
     kinds = int(p.get("FENCE_TYPE", _CIRCLE | _ALT_MAX))
     before_m = 0.0 if flies else p.get("FENCE_MARGIN", 2.0) + _ROVER_STOPS_BEFORE_M
@@ -37,7 +39,8 @@ def _of_ardupilot(p: Mapping[str, float], *, flies: bool) -> OwnFence | None:
         p.get("FENCE_RADIUS", math.inf) - before_m if kinds & _CIRCLE else math.inf,
         p.get("FENCE_ALT_MAX", math.inf) if kinds & _ALT_MAX and flies else math.inf,
         bool(kinds & _POLYGON),
-        f"FENCE_TYPE={kinds}, FENCE_ACTION={p.get('FENCE_ACTION', 0):g}",
+        f"{f'FENCE_AUTOENABLE={itself:g}, ' if itself else ''}FENCE_TYPE={kinds}, "
+        f"FENCE_ACTION={p.get('FENCE_ACTION', 0):g}",
     )
 
 
@@ -54,7 +57,7 @@ def _of_px4(p: Mapping[str, float]) -> OwnFence | None:
 
 
 _STACKS: dict[str, tuple[tuple[str, ...], Callable[[Mapping[str, float]], OwnFence | None]]] = {
-    "ardupilot-copter": (_ARDUPILOT, lambda p: _of_ardupilot(p, flies=True)),
+    "ardupilot-copter": (_COPTER, lambda p: _of_ardupilot(p, flies=True)),
     "ardupilot-rover": (_ARDUPILOT, lambda p: _of_ardupilot(p, flies=False)),
     "px4-copter": (_PX4, _of_px4),
     "px4-rover": (_PX4, _of_px4),

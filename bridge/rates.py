@@ -49,13 +49,17 @@ class RateWatch:
         return min(window_ns, self._once_asked_ns + ONCE_RETRY_NS) if unknown else window_ns
 
     def poll(self, unknown: Sequence[int], now_ns: int) -> tuple[list[Message], list[int]]:
-        """Messages to send now, and the ids whose rate had fallen short; `unknown` ids are needed once."""
+        """Messages to send now, and the ids whose rate had fallen short; `unknown` ids are needed once.
+
+        A target is told while there is one alone, so few of them prove nothing: it is asked for without a word.
+        """
         out: list[Message] = []
         short: list[int] = []
         if now_ns - self._window_ns >= WINDOW_NS:
             window_s = (now_ns - self._window_ns) / NS_PER_S
             short = [i for i, n in self._counts.items() if n < ENOUGH_HZ[i] * window_s]
             self._short += short
+            short = [i for i in short if i != MessageId.POSITION_TARGET_GLOBAL_INT]
             self._counts = dict.fromkeys(WANTED_HZ, 0)
             self._window_ns = now_ns
         if self._short:

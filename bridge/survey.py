@@ -104,8 +104,8 @@ class Survey:
         if vehicle is not None and profile is not None:
             if self._reader is None:
                 self._found_ns = now_ns
-                end = profile.mission_end[:1] if profile.mission_end else ()
-                names = dict.fromkeys((*loss_parameters(profile), *fence_parameters(profile), *end))
+                ends = (*(profile.mission_end or ())[:1], *filter(None, (profile.guided_radius,)))
+                names = dict.fromkeys((*loss_parameters(profile), *fence_parameters(profile), *ends))
                 self._names = len(names)
                 self._reader = ParameterReader(vehicle, names, profile.bytewise_parameters)
             out += [*self._ask(vehicle, now_ns), *self._reader.poll(now_ns), *self._sync(now_ns)]

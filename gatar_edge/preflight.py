@@ -18,6 +18,7 @@ import numpy as np
 
 from gatar_edge.agent import Identity
 from gatar_edge.allocators.base import Allocator
+from gatar_edge.bridge.geo import self_crossing
 from gatar_edge.bridge.link import check_url
 from gatar_edge.bridge.settings import DriverConfig
 from gatar_edge.bridge.signing import Signing, load_key, timestamp_of
@@ -101,7 +102,14 @@ def driver_config(config: VehicleConfig) -> DriverConfig:
         auto_launch=False,  # the daemon decides, see assemble
         log_frames=bool(config.log.folder),
     )
-    east_m, north_m = zip(*plan.limits().fence_m, strict=True)
+    fence_m = plan.limits().fence_m
+    if (crossing := self_crossing(fence_m)) is not None:
+        after, other = (f"{i + 1} and {(i + 1) % len(fence_m) + 1}" for i in crossing)
+        raise ConfigError(
+            f"vehicle.fence crosses itself: the line between corners {after} meets the one between {other}; "
+            "give its corners in order round the area"
+        )
+    east_m, north_m = zip(*fence_m, strict=True)
     width_m, height_m = config.grid.width * config.grid.cell_m, config.grid.height * config.grid.cell_m
     if max(east_m) <= 0 or max(north_m) <= 0 or min(east_m) >= width_m or min(north_m) >= height_m:
         raise ConfigError("vehicle.fence lies beside the grid: every goal would be refused; its corners are [LAT, LON]")

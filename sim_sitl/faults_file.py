@@ -5,6 +5,7 @@ Times are seconds from the end of the launch, delays and jitter milliseconds.
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -94,6 +95,10 @@ class FaultsFile(_Section, frozen=True, kw_only=True):
 
     def faults(self) -> Faults:
         """The same for the simulator. Raises ConfigError."""
+        kills = [event for event in self.event if isinstance(event, KillRobot)]
+        _once("[[between]]", [f"{section.sender} to {section.receiver}" for section in self.between])
+        _once("[[telemetry]]", [f"robot {section.robot}, {section.direction}" for section in self.telemetry])
+        _once("kill_robot", [f"robot {event.robot}" for event in kills])
         both = (self.to_vehicle.faults(), self.to_companion.faults())
         links: dict[int, tuple[LinkFaults, LinkFaults]] = {}
         for section in self.telemetry:
@@ -105,11 +110,18 @@ class FaultsFile(_Section, frozen=True, kw_only=True):
             radio=self.radio.faults(),
             to_vehicle=both[0],
             to_companion=both[1],
-            kill_ns={e.robot: round(e.at_s * NS_PER_S) for e in self.event if isinstance(e, KillRobot)},
+            kill_ns={event.robot: round(event.at_s * NS_PER_S) for event in kills},
             between={(section.sender, section.receiver): section.faults() for section in self.between},
             links_of=links,
             incidents=tuple(e for e in self.event if not isinstance(e, KillRobot)),
         )
+
+
+def _once(table: str, names: list[str]) -> None:
+    """Raise ConfigError where one would silently replace another."""
+    twice = next((name for name, count in Counter(names).items() if count > 1), None)
+    if twice is not None:
+        raise ConfigError(f"{table} has {twice} twice")
 
 
 def parse_faults(text: bytes, name: str = "faults") -> Faults:

@@ -49,6 +49,7 @@ class ServedVehicles:
         self._socket = UdpSocket(listen)
         self._vehicles = {config.sysid: SimAutopilot(config, 0) for config in configs}
         faults.check(ids)
+        self._faults = faults
         self._script = Script(faults.incidents, self._vehicles)
         self._links = {config.sysid: FaultyLink(*faults.link_of(config.sysid), config.seed) for config in configs}
         for link in self._links.values():
@@ -128,6 +129,8 @@ class ServedVehicles:
             happen(turn, self._vehicles[turn.incident.robot], now_ns)
         datagrams = [data for data, _ in self._socket.receive()]
         for sysid, vehicle in self._vehicles.items():
+            if self._faults.killed(sysid, now_ns):
+                continue
             link = self._links[sysid]
             for data in datagrams:
                 link.send(now_ns, End.COMPANION, data)

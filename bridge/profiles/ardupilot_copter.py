@@ -40,6 +40,7 @@ PROFILE = Profile(
     set_current=SetCurrent.COMMAND_WITH_RESET,
     mission_capacity=650,
     mission_end=None,
+    guided_radius=None,
     bytewise_parameters=False,
     guided_mode=_GUIDED,
     mission_mode=_AUTO,

@@ -39,6 +39,7 @@ PROFILE = Profile(
     set_current=SetCurrent.COMMAND_WITH_RESET,  # without the reset it acknowledges after completion and never moves
     mission_capacity=655,
     mission_end=("MIS_DONE_BEHAVE", frozenset({0, 1})),  # 2 and 3 go to ACRO and MANUAL, as a pilot would
+    guided_radius="WP_RADIUS",  # 2 m by default; it stopped 2.1 m before one with 3
     bytewise_parameters=False,
     guided_mode=_GUIDED,
     mission_mode=_AUTO,

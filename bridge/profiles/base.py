@@ -53,6 +53,7 @@ class Profile:
     set_current: SetCurrent
     mission_capacity: int  # waypoints it takes, slot 0 not counted
     mission_end: tuple[str, frozenset[int]] | None  # a parameter, and with which values the end leaves its mode to us
+    guided_radius: str | None  # a parameter: it may stop this many metres before a guided target; None: it does not
     bytewise_parameters: bool  # PARAM_VALUE holds the bits of an integer; else the integer as a float
     # modes, as custom_mode
     guided_mode: int

@@ -24,6 +24,7 @@ PROFILE = Profile(
     set_current=SetCurrent.MESSAGE_AFTER_TOTAL,
     mission_capacity=10000,
     mission_end=None,
+    guided_radius=None,
     bytewise_parameters=True,
     guided_mode=LOITER,  # DO_REPOSITION needs neither OFFBOARD nor a stream of setpoints
     mission_mode=MISSION,

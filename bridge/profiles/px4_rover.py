@@ -24,6 +24,7 @@ PROFILE = Profile(
     set_current=SetCurrent.MESSAGE_AFTER_TOTAL,  # DO_SET_MISSION_CURRENT is UNSUPPORTED
     mission_capacity=10000,
     mission_end=None,
+    guided_radius=None,
     bytewise_parameters=True,
     guided_mode=LOITER,
     mission_mode=MISSION,

@@ -76,6 +76,9 @@ def _with_daemons(
 
     ids = config.world.team.ids
     with contextlib.closing(UdpSocket(f"{HOST}:{base_port}")) as radio:
+        eyes = {robot_id: (HOST, base_port + EYES_OFFSET + robot_id) for robot_id in ids}
+        ears = {robot_id: (HOST, base_port + robot_id) for robot_id in ids}
+        yard = Yard(config, Sockets(vehicles, radio, eyes, ears, (HOST, base_port + LISTENER_OFFSET)))
         paths = write_configurations(config, allocator, vehicles.port, folder, base_port)
         if not quiet:
             click.echo(served, err=True)
@@ -86,9 +89,6 @@ def _with_daemons(
             click.echo(
                 f"and, to see the team:\n  gatar fleet --key {folder / 'team.key'} --listen {listener}", err=True
             )
-        eyes = {robot_id: (HOST, base_port + EYES_OFFSET + robot_id) for robot_id in ids}
-        ears = {robot_id: (HOST, base_port + robot_id) for robot_id in ids}
-        yard = Yard(config, Sockets(vehicles, radio, eyes, ears, (HOST, base_port + LISTENER_OFFSET)))
         _run(yard, speed_factor, quiet)
         return yard.result()
 

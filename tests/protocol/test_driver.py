@@ -265,6 +265,14 @@ def test_rates_that_fall_short_are_asked_for_again() -> None:
     assert flight.vehicle.intervals[33] == 200_000
 
 
+def test_a_rover_on_hold_that_tells_no_target_is_no_short_rate() -> None:
+    flight = Flight("ardupilot-rover").launched()
+    flight.go(Hold("stop"), 5)
+    flight.events.clear()
+    flight.run(25)
+    assert not [event for event in flight.events if event.startswith("rates") and "87" in event]
+
+
 @pytest.mark.parametrize("stack", STACKS)
 def test_a_stack_that_tells_all_it_can_is_not_asked_again(stack: str) -> None:
     flight = Flight(stack).launched()
@@ -398,6 +406,30 @@ def test_a_rover_that_stops_outside_of_the_cell_has_not_arrived() -> None:
     flight.vehicle.stops_short_m = 6.0
     flight.go(Mission(((2, 7),)), 40)
     assert flight.driver.status is Status.NOT_PROGRESSING
+
+
+@pytest.mark.parametrize("targets", ["reposition", "setpoint"])
+@pytest.mark.parametrize("detours_after_s", [0, 4])
+def test_a_rover_that_goes_round_an_obstacle_by_itself_and_tells_that_place_is_going_to_its_target(
+    targets: str, detours_after_s: int
+) -> None:
+    flight = Flight("ardupilot-rover", drive="guided", targets=targets).launched()
+    flight.vehicle.speed = 1.5
+    flight.vehicle.detour_e7 = 0 if detours_after_s else 500
+    flight.go(Mission(((2, 9), (5, 9))), detours_after_s)
+    flight.vehicle.detour_e7 = 500
+    flight.run(80)
+    assert flight.driver.state(flight.now).cell == (5, 9)
+    assert flight.driver.status is Status.ARRIVED
+    assert not any(status.failed for status in flight.statuses)
+
+
+@pytest.mark.parametrize("targets", ["reposition", "setpoint"])
+def test_a_rover_that_tells_another_target_and_gets_no_nearer_has_a_stale_one(targets: str) -> None:
+    flight = Flight("ardupilot-rover", drive="guided", targets=targets).launched()
+    flight.vehicle.detour_e7, flight.vehicle.stuck = 500, True
+    flight.go(Mission(((2, 9),)), 12)
+    assert Status.STALE_TARGET in flight.statuses
 
 
 @pytest.mark.parametrize("stack", STACKS)

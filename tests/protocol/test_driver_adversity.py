@@ -85,6 +85,19 @@ def test_a_vehicle_behind_a_lossy_link_is_launched_and_reaches_two_targets(stack
         assert {(2, 7), (6, 7), (6, 2)} <= field.visited
 
 
+@pytest.mark.parametrize("targets", ["reposition", "setpoint"])
+def test_a_mode_whose_answer_was_lost_is_not_asked_for_any_more_once_another_is_wanted(targets: str) -> None:
+    field = Field("ardupilot-rover", drive="guided", targets=targets)
+    answer = field.vehicle.ack
+    field.vehicle.ack = lambda command, result: None if command == 176 else answer(command, result)  # type: ignore[method-assign]
+    field.until(field.ready, 30)
+    goal = Mission(((2, 7),))
+    assert field.until(field.arrived, 30, goal), field.events[-5:]
+    field.run(10, goal)
+    assert not [event for event in field.events if event.startswith("pilot")]
+    assert field.vehicle.mode == field.vehicle.guided_mode
+
+
 def test_arming_is_asked_for_until_the_filters_are_ready() -> None:
     field = Field("ardupilot-copter", boot_s=45)
     field.run(44)

@@ -11,6 +11,7 @@ import pytest
 from pymavlink import mavutil, mavwp
 
 from gatar_edge.sim_sitl.autopilot import AutopilotConfig
+from gatar_edge.sim_sitl.faults_file import parse_faults
 from gatar_edge.sim_sitl.geodesy import LocalFrame
 from gatar_edge.sim_sitl.served import ServedVehicles
 
@@ -129,3 +130,16 @@ def test_each_of_several_vehicles_on_one_port_obeys_what_is_addressed_to_it() ->
         link.mav.command_long_send(12, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0)
         served.wait(12, lambda truth: truth.armed)
         assert not served.truth(11).armed
+
+
+def test_a_vehicle_that_the_faults_kill_is_not_heard_any_more() -> None:
+    faults = parse_faults(b'[[event]]\nat_s = 2\nrobot = 12\ndo = "kill_robot"\n')
+    heard: list[int] = []
+
+    def only_the_other() -> bool:
+        message = link.recv_match(type="HEARTBEAT", blocking=True, timeout=0.2)
+        heard.extend([message.get_srcSystem()] if message is not None else [])
+        return heard[-5:] == [11] * 5
+
+    with ServedVehicles(VEHICLES[:2], speed=5.0, faults=faults) as served, connected(served) as link:
+        wait_until(link, only_the_other)

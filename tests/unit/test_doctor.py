@@ -34,7 +34,12 @@ COPTER, ROVER, QUAD, PX4_ROVER = (
 LAT_E7, LON_E7 = -353632621, 1491652374
 GRID = GridSpec(15, 15, 10.0, LAT_E7 / 1e7 - 0.0004, LON_E7 / 1e7 - 0.0004)
 PLAN = DriverConfig(1, RobotKind.UAV, GRID, sysid=1)
+SELF_FENCING = {"FENCE_ENABLE": 0.0, "FENCE_AUTOENABLE": 1.0, "FENCE_TYPE": 2.0, "FENCE_RADIUS": 30.0}
 WATCHED = {"SYSID_MYGCS": 1.0, "FS_GCS_ENABLE": 1.0, "FS_GCS_TIMEOUT": 5.0}
+
+
+def guided(cell_m: float) -> DriverConfig:
+    return DriverConfig(1, RobotKind.UGV, dataclasses.replace(GRID, cell_m=cell_m), sysid=1, drive="guided")
 
 
 def seen(**changes: object) -> Telemetry:
@@ -112,6 +117,8 @@ def test_each_finding_that_is_not_ok_says_how_to_mend_it_in_one_line() -> None:
         ("origin", {"seen": seen(origin=None)}, Level.FAIL),
         ("fence", {"parameters": {}}, Level.WARN),
         ("fence", {"parameters": {"FENCE_ENABLE": 0.0}}, Level.WARN),
+        ("fence", {"parameters": {"FENCE_ENABLE": 0.0, "FENCE_AUTOENABLE": 0.0}}, Level.WARN),
+        ("fence", {"parameters": SELF_FENCING, "plan": PLAN}, Level.FAIL),
         ("rates", {"rates_hz": {}}, Level.WARN),
         ("rates", {"rates_hz": {**WANTED_HZ, MessageId.GLOBAL_POSITION_INT: 2.0}}, Level.WARN),
         ("rates", {"rates_hz": {**WANTED_HZ, MessageId.GLOBAL_POSITION_INT: 0.5}}, Level.FAIL),
@@ -119,6 +126,8 @@ def test_each_finding_that_is_not_ok_says_how_to_mend_it_in_one_line() -> None:
         ("mission", {"seen": seen(current=None)}, Level.WARN),
         ("mission", {"profile": ROVER, "parameters": {"MIS_DONE_BEHAVE": 1.0}}, Level.OK),
         ("mission", {"profile": ROVER, "parameters": {"MIS_DONE_BEHAVE": 3.0}}, Level.FAIL),
+        ("mission", {"profile": ROVER, "parameters": {"WP_RADIUS": 2.0}, "plan": guided(cell_m=4.0)}, Level.OK),
+        ("mission", {"profile": ROVER, "parameters": {"WP_RADIUS": 2.0}, "plan": guided(cell_m=3.0)}, Level.WARN),
         ("signing", {"shared_link": True}, Level.WARN),
         ("signing", {"signed": 9}, Level.OK),
         ("signing", {"signed": 9, "version": None, "parameters": {}, "round_trips_ns": ()}, Level.FAIL),

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import runpy
 import socket
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
@@ -49,6 +51,16 @@ def test_the_eyes_of_a_simulated_vehicle_leave_its_place_to_the_autopilot(tmp_pa
     assert judge.take(blind, 0, (4, 5)).seen.size == 0
     assert [4, 5] in judge.take(seeing, 1, (4, 5)).seen.tolist()
     assert eyes["cell_of"]("127.0.0.1:1") == (-1, -1)  # nobody there
+
+
+@pytest.mark.parametrize(("lost", "believed"), [(0, False), (1, True)])
+def test_the_take_off_takes_a_refused_repetition_for_a_lost_answer(lost: int, believed: bool) -> None:
+    command = runpy.run_path(str(EXAMPLES / "pytest_fixture" / "takeoff.py"))["command"]
+    answers = [*[None] * lost, SimpleNamespace(result=4)]
+    mav = SimpleNamespace(command_long_send=lambda *_: None)
+    link = SimpleNamespace(mav=mav, target_system=1, target_component=1, recv_match=lambda **_: answers.pop(0))
+    with nullcontext() if believed else pytest.raises(RuntimeError, match="refused"):
+        command(link, 22, (5.0,))
 
 
 def test_the_service_is_hardened_and_watched() -> None:

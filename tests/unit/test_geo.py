@@ -162,3 +162,21 @@ def test_a_point_is_inside_the_u_where_its_rectangles_say_so(x: float, y: float)
     inside = 0 <= x <= 30 and 0 <= y <= 30 and not gap
     near_border = min(abs(x - v) for v in (0, 10, 20, 30)) < 0.02 or min(abs(y - v) for v in (0, 10, 30)) < 0.02
     assert near_border or geo.point_inside(U_SHAPE, (x, y)) is inside
+
+
+@pytest.mark.parametrize(
+    ("polygon", "crossing"),
+    [
+        (((0, 0), (9, 0), (9, 9), (0, 9)), None),
+        (((0, 0), (0, 9), (9, 9), (9, 0)), None),  # the other way round
+        (((0, 0), (9, 0), (9, 9), (0, 9), (0, 0)), None),  # closed
+        (((0, 0), (9, 0), (9, 9), (5, 9), (5, 0), (5, 9), (0, 9)), None),  # there and back on a line
+        (((0, 0), (9, 9), (9, 0), (0, 9)), (0, 2)),
+        (((5, 0), (8, 9), (0, 3), (9, 3), (2, 9)), (0, 2)),  # a star turns one way only
+        (((0, 0), (9, 0), (9, 9), (4, -1)), (0, 2)),
+    ],
+)
+def test_a_polygon_that_crosses_itself_is_told_from_one_that_does_not(
+    polygon: tuple[geo.Point, ...], crossing: tuple[int, int] | None
+) -> None:
+    assert geo.self_crossing(polygon) == crossing

@@ -197,6 +197,10 @@ def edit(old: str, new: str) -> Callable[[Path], None]:
         (edit("altitude_m = 20.0", "altitude_m = 150.0"), "altitude_band_m"),
         (edit("# bytes_per_s = 32768", "bytes_per_s = 1000 #"), "$.net.bytes_per_s"),
         (edit('folder = "logs"', 'folder = "/proc/logs"'), "log.folder"),
+        (
+            edit("# fence = [[47.0, 8.0], ", "fence = [[47.0, 8.0], [47.1, 8.1], [47.0, 8.1], [47.1, 8.0]] # "),
+            "between corners 1 and 2 meets the one between 3 and 4",
+        ),
         (edit("# fence = [[47.0, 8.0], ", "fence = [[8.0, 47.0], [8.0, 47.1], [8.1, 47.1]] # "), "beside the grid"),
         (edit('file = "state-3.bin"', 'file = "."'), "is a folder: give the name of a file in it"),
         (edit('key_file = "team.key"', r'key_file = "a\u0000b"'), "$.net.key_file"),
