@@ -70,9 +70,8 @@ def command(
         scale = replace(scale, missions=missions, curve_missions=max(1, missions // 2))
     places = Places(out, runs or Path("runs/paper-quick" if quick else "runs/paper"), data, maps)
     with bar("paper", "") as show:
-        trains = device_of(device)
-        told = _told(out, data, maps, minutes, steps, missions, quick, trains)
-        results = reproduce(places, scale, workers, show, told, trains)
+        told = _told(out, data, maps, minutes, steps, missions, quick, device_of(device))
+        results = reproduce(places, scale, workers, show, told, device)
     if as_json:
         click.echo(json.dumps(_tables(results), indent=1))
     else:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from gatar_edge.learn.curves import share_done
 from gatar_edge.learn.dataset import DataOptions, end_with_parent, generate
+from gatar_edge.learn.ranks import joined
 from gatar_edge.learn.train import Trainer, TrainOptions
 from gatar_edge.paper.plan import Run, Scale
 
@@ -36,7 +37,7 @@ def train_all(
 ) -> dict[str, Path]:
     """The finished runs under `folder`, by name; those that are not are trained to the end, so many at a time.
 
-    `device` as `ranks.device_of` gives it. Raises ConfigError where another run is in the place of one.
+    `device` as `ranks.joined` takes it. Raises ConfigError where another run is in the place of one.
     """
     places = {run.name: folder / run.name for run in runs}
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=end_with_parent) as pool:
@@ -60,6 +61,7 @@ def _train(run: Run, data: Path, folder: Path, scale: Scale, device: str) -> Non
         warm_up=min(WARM_UP, 1 + scale.steps // 5) if scale.steps else WARM_UP,
         settings={**run.settings, **scale.sizes.get(run.network, {})},
     )  # fmt: skip
-    trainer = Trainer(options, folder, device)
-    if trainer.done < 1 or not (folder / "model.json").is_file():
-        trainer.run(lambda now: None)
+    with joined(device) as ranks:
+        trainer = Trainer(options, folder, ranks.device, ranks)
+        if trainer.done < 1 or not (folder / "model.json").is_file():
+            trainer.run(lambda now: None)
