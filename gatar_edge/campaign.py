@@ -21,13 +21,13 @@ import numpy as np
 from gatar_edge.allocators.registry import Make, hears_all, make
 from gatar_edge.config import AgentConfig
 from gatar_edge.errors import ConfigError
-from gatar_edge.learn.dataset import end_with_parent
 from gatar_edge.sim_sitl.faults import LinkFaults
 from gatar_edge.sim_sitl.grid_mission import STEP_NS, GridMission, fly
 from gatar_edge.sim_sitl.maps import read_map, window_world
 from gatar_edge.sim_sitl.tally import Result
 from gatar_edge.sim_sitl.world import Team, World, random_world
 from gatar_edge.types import BoolGrid, GridSpec
+from gatar_edge.workers import end_with_parent
 
 KILLED_BY = 8  # steps: most missions of twelve robots take longer
 

@@ -23,16 +23,15 @@ import shutil
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
-from multiprocessing import get_context, parent_process
-from multiprocessing.connection import wait
+from multiprocessing import get_context
 from pathlib import Path
-from threading import Thread
 from typing import Any
 
 import numpy as np
 
 from gatar_edge.errors import ConfigError
 from gatar_edge.sim_sitl.world import TRAINING_SEEDS, Team, random_world
+from gatar_edge.workers import end_with_parent
 
 FORMAT_VERSION = 3
 STEPS = 1024  # team-steps in a shard
@@ -214,19 +213,6 @@ def _entries(
         jobs = {pool.submit(write_shard, options, number, folder): number for number in numbers}
         for job in as_completed(jobs):
             yield jobs[job], job.result()
-
-
-def end_with_parent() -> None:
-    """End this worker process when its parent was killed: a pool's workers would wait for work for ever."""
-    parent = parent_process()
-    if parent is None:
-        return
-
-    def watch(sentinel: int) -> None:
-        wait([sentinel])
-        os._exit(1)
-
-    Thread(target=watch, args=(parent.sentinel,), daemon=True).start()
 
 
 def _claim(folder: Path, description: dict[str, Any]) -> None:

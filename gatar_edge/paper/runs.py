@@ -8,10 +8,11 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from gatar_edge.learn.curves import share_done
-from gatar_edge.learn.dataset import DataOptions, end_with_parent, generate
+from gatar_edge.learn.dataset import DataOptions, generate
 from gatar_edge.learn.ranks import joined
 from gatar_edge.learn.train import Trainer, TrainOptions
 from gatar_edge.paper.plan import Run, Scale
+from gatar_edge.workers import end_with_parent
 
 Progress = Callable[[float, str], None]
 
