@@ -59,6 +59,9 @@ def command(
       gatar bench daemon --json
       gatar bench daemon --hours 22 --json
     """
+    from gatar_edge.allocators.registry import make
+
+    make(allocator)  # a daemon that refuses to start would be waited for
     figures = measured_process(allocator, neighbors, seconds, flood)
     if hours:
         figures |= _growth(allocator, neighbors, hours, warm_up_hours)
